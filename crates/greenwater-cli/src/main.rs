@@ -1,0 +1,2 @@
+//! The `greenwater` command.
+fn main() {}

@@ -1,0 +1,1 @@
+//! Reports from run folders: HTML, SVG, PNG and JSON.

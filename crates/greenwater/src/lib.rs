@@ -1,0 +1,1 @@
+//! Violent free-surface flow by particle methods.
