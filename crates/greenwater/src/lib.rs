@@ -1,6 +1,9 @@
 //! Violent free-surface flow by particle methods.
 
+pub mod domain;
 pub mod kernel;
 pub mod math;
+pub mod neighbors;
 pub mod particles;
 pub mod scheme;
+mod sweep;

@@ -13,6 +13,8 @@ pub enum Kind {
     Fluid = 0,
     /// Fixed; one of the lines of particles that make a wall.
     Wall = 1,
+    /// Was fluid and left the domain: rests where it left and takes no further part.
+    Lost = 2,
 }
 
 /// Every particle of a run. Columns have equal length; the first [`Particles::owned`] rows are real, the rest are ghosts
@@ -177,19 +179,6 @@ impl<const D: usize> Particles<D> {
         let last = self.x.len() - 1;
         self.x[last] += shift;
     }
-
-    /// Puts the real particles into the order `order` (old index of each new row). Ghosts must have been dropped.
-    ///
-    /// Sorting by cell keeps neighbours close in memory.
-    pub(crate) fn reorder(&mut self, order: &[u32]) {
-        debug_assert_eq!(order.len(), self.x.len());
-        macro_rules! permute {
-            ($column:expr) => {
-                $column = order.iter().map(|&old| $column[old as usize]).collect()
-            };
-        }
-        each_column!(self, permute);
-    }
 }
 
 /// The value of a field for one particle.
@@ -229,7 +218,7 @@ pub fn field_table<const D: usize>() -> [Field<D>; 13] {
         field!("velocity", "m/s", "velocity", |p, a| Components(p.v[a])),
         field!("density", "kg/m3", "density", |p, a| Scalar(p.density[a])),
         field!("pressure", "Pa", "pressure", |p, a| Scalar(p.pressure[a])),
-        field!("kind", "1", "0 fluid, 1 wall", |p, a| Integer(p.kind[a] as u32)),
+        field!("kind", "1", "0 fluid, 1 wall, 2 lost: left the domain", |p, a| Integer(p.kind[a] as u32)),
         field!("id", "1", "name of the particle, kept for the whole run", |p, a| Integer(p.id[a])),
         field!("mass", depth, "mass (per metre of depth in 2D)", |p, a| Scalar(p.mass[a])),
         field!("smoothing_length", "m", "smoothing length h", |p, a| Scalar(p.h[a])),
@@ -269,17 +258,6 @@ mod tests {
         assert_eq!((p.x[2], p.id[2]), (Vector([-1.0, 0.0]), 8));
         p.drop_ghosts();
         assert_eq!(p, before);
-    }
-
-    #[test]
-    fn reordering_moves_whole_rows() {
-        let mut p = Particles::new();
-        for (id, x) in [(0, 0.0), (1, 1.0), (2, 2.0)] {
-            p.push(id, particle(x));
-        }
-        p.reorder(&[2, 0, 1]);
-        assert_eq!(p.id, [2, 0, 1]);
-        assert_eq!(p.x[0], Vector([2.0, 0.0]));
     }
 
     #[test]

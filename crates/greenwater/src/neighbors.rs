@@ -1,0 +1,404 @@
+//! Who is near whom. The only code that knows how pairs are found.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::math::Vector;
+use crate::particles::{Kind, Particles};
+use crate::sweep::BLOCK;
+
+/// How pairs are found. Every way finds the same pairs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Search {
+    /// Every particle looks at every other: `O(N²)`.
+    Direct,
+    /// Every particle looks into its own and the adjacent cells of a grid: `O(N)`.
+    #[default]
+    Grid,
+}
+
+/// A particle near another one.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair<const D: usize> {
+    /// Row of the neighbour.
+    pub b: usize,
+    /// `x_a − x_b`, m.
+    pub x_ab: Vector<D>,
+    /// `|x_a − x_b|`, m.
+    pub r: f64,
+    /// Mean smoothing length `(h_a + h_b)/2`, m.
+    pub h: f64,
+}
+
+/// Why no pairs could be found.
+#[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum SearchError {
+    /// A position is NaN or infinite.
+    #[error("position of particle {particle} is not finite")]
+    NotFinite {
+        /// Row of the particle.
+        particle: usize,
+    },
+}
+
+/// The pairs of a set of particles: all `b != a` with `|x_a − x_b| <= κ (h_a + h_b)/2`, where `κ` is the support of the kernel
+/// in smoothing lengths (the paper's `|r| <= h_a + h_b` for `κ = 2`).
+///
+/// Keeps the positions and smoothing lengths it was built from: what it reports belongs together even when the particles have
+/// moved on. Storage is reused from build to build. The order of the neighbours of a particle depends on the positions only,
+/// never on the number of threads.
+#[derive(Clone, Debug, Default)]
+pub struct Neighbors<const D: usize> {
+    x: Vec<Vector<D>>,
+    h: Vec<f64>,
+    segments: Vec<Segment>,
+    grid: Grid<D>,
+}
+
+/// The neighbours of `BLOCK` consecutive particles.
+#[derive(Clone, Debug, Default)]
+struct Segment {
+    /// Where the neighbours of each particle end in `list`.
+    ends: Vec<u32>,
+    list: Vec<u32>,
+}
+
+impl<const D: usize> Neighbors<D> {
+    /// No pairs yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Finds all pairs of real particles with real ones and ghosts; `support` is `κ`, in smoothing lengths.
+    ///
+    /// # Errors
+    /// A position that is not finite.
+    pub fn build(&mut self, p: &Particles<D>, support: f64, search: Search) -> Result<(), SearchError> {
+        if let Some(particle) = p.x.iter().position(|x| !x.is_finite()) {
+            return Err(SearchError::NotFinite { particle });
+        }
+        self.x.clone_from(&p.x);
+        self.h.clone_from(&p.h);
+        self.segments.resize_with(p.owned().div_ceil(BLOCK), Segment::default);
+        match search {
+            Search::Direct => self.list_by(p, |a, list| all_near(p, support, a, list)),
+            Search::Grid => {
+                let mut grid = std::mem::take(&mut self.grid);
+                grid.sort(p, support * p.h_max());
+                self.list_by(p, |a, list| grid.near(a, p.x[a], p.h[a], support, list));
+                self.grid = grid;
+            }
+        }
+        Ok(())
+    }
+
+    /// Fills the segments in parallel; `near(a, list)` appends the neighbours of `a` to `list`.
+    fn list_by(&mut self, p: &Particles<D>, near: impl Fn(usize, &mut Vec<u32>) + Sync) {
+        let owned = p.owned();
+        self.segments.par_iter_mut().enumerate().for_each(|(block, segment)| {
+            segment.ends.clear();
+            segment.list.clear();
+            for a in block * BLOCK..owned.min((block + 1) * BLOCK) {
+                if p.kind[a] != Kind::Lost {
+                    near(a, &mut segment.list);
+                }
+                segment.ends.push(segment.list.len() as u32);
+            }
+        });
+    }
+
+    /// Rows of the neighbours of `a`.
+    #[inline(always)]
+    pub fn of(&self, a: usize) -> &[u32] {
+        let (segment, i) = (&self.segments[a / BLOCK], a % BLOCK);
+        let start = if i == 0 { 0 } else { segment.ends[i - 1] };
+        &segment.list[start as usize..segment.ends[i] as usize]
+    }
+
+    /// Calls `each` with every neighbour of `a`, always in the same order.
+    #[inline(always)]
+    pub fn for_each(&self, a: usize, mut each: impl FnMut(Pair<D>)) {
+        let (x_a, h_a) = (self.x[a], self.h[a]);
+        for &b in self.of(a) {
+            let b = b as usize;
+            let x_ab = x_a - self.x[b];
+            each(Pair { b, x_ab, r: x_ab.norm(), h: 0.5 * (h_a + self.h[b]) });
+        }
+    }
+
+    /// Smoothing length of particle `a`, m, as it was at the build.
+    #[inline(always)]
+    pub fn h(&self, a: usize) -> f64 {
+        self.h[a]
+    }
+
+    /// Number of pairs, each counted from both sides (ghosts have no neighbours of their own).
+    pub fn pairs(&self) -> usize {
+        self.segments.iter().map(|segment| segment.list.len()).sum()
+    }
+
+    /// Memory held, bytes.
+    pub fn bytes(&self) -> usize {
+        let lists: usize = self.segments.iter().map(|s| 4 * (s.ends.capacity() + s.list.capacity())).sum();
+        lists + self.x.capacity() * size_of::<Vector<D>>() + 8 * self.h.capacity() + self.grid.bytes()
+    }
+}
+
+/// Appends the neighbours of `a`, found by looking at every particle.
+fn all_near<const D: usize>(p: &Particles<D>, support: f64, a: usize, list: &mut Vec<u32>) {
+    let (x_a, h_a) = (p.x[a], p.h[a]);
+    for b in 0..p.len() {
+        let reach = support * (0.5 * (h_a + p.h[b]));
+        if (x_a - p.x[b]).norm_squared() <= reach * reach && b != a && p.kind[b] != Kind::Lost {
+            list.push(b as u32);
+        }
+    }
+}
+
+/// Particles sorted into cubes, x fastest, so that the cells of a row are one run of memory.
+#[derive(Clone, Debug)]
+struct Grid<const D: usize> {
+    min: Vector<D>,
+    edge: f64,
+    cells: [usize; D],
+    /// First entry of each cell in `entries`; one more at the end.
+    starts: Vec<u32>,
+    cell_of: Vec<u32>,
+    entries: Vec<Entry<D>>,
+}
+
+/// What the search needs of a particle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Entry<const D: usize> {
+    x: Vector<D>,
+    h: f64,
+    row: u32,
+}
+
+impl<const D: usize> Default for Grid<D> {
+    fn default() -> Self {
+        Self { min: Vector::ZERO, edge: 0.0, cells: [0; D], starts: Vec::new(), cell_of: Vec::new(), entries: Vec::new() }
+    }
+}
+
+/// Cells allowed for each particle; a sparse cloud gets larger cells instead of more memory.
+const CELLS_PER_PARTICLE: usize = 4;
+
+impl<const D: usize> Grid<D> {
+    /// Counting sort of all particles into cells of edge `reach`, m, or larger.
+    fn sort(&mut self, p: &Particles<D>, reach: f64) {
+        let (min, max) = bounds(&p.x);
+        self.min = min;
+        // A hair wider than the reach: two particles exactly that far apart stay in adjacent cells whatever the rounding.
+        self.edge = (reach * (1.0 + 1e-9)).max(f64::MIN_POSITIVE);
+        let budget = CELLS_PER_PARTICLE * p.len() + 64;
+        loop {
+            let along = |d: usize| ((max[d] - min[d]) / self.edge).floor() + 1.0;
+            if (0..D).map(along).product::<f64>() <= budget as f64 {
+                self.cells = std::array::from_fn(|d| along(d) as usize);
+                break;
+            }
+            self.edge *= 1.25;
+        }
+        let count: usize = self.cells.iter().product();
+        let no_cell = count as u32;
+
+        let mut cell_of = std::mem::take(&mut self.cell_of);
+        cell_of.resize(p.len(), 0);
+        crate::sweep::sweep(&mut cell_of, |b| if p.kind[b] == Kind::Lost { no_cell } else { self.index(self.cell(p.x[b])) });
+        self.cell_of = cell_of;
+
+        self.starts.clear();
+        self.starts.resize(count + 2, 0);
+        for &cell in &self.cell_of {
+            self.starts[cell as usize + 1] += 1;
+        }
+        for i in 1..self.starts.len() {
+            self.starts[i] += self.starts[i - 1];
+        }
+        self.entries.clear();
+        self.entries.resize(p.len(), Entry::default());
+        for (row, &cell) in self.cell_of.iter().enumerate() {
+            let slot = &mut self.starts[cell as usize];
+            self.entries[*slot as usize] = Entry { x: p.x[row], h: p.h[row], row: row as u32 };
+            *slot += 1;
+        }
+        // The fill moved each start to the end of its cell, which is the start of the next one.
+        self.starts.pop();
+        self.starts.insert(0, 0);
+    }
+
+    fn cell(&self, x: Vector<D>) -> [usize; D] {
+        std::array::from_fn(|d| (((x[d] - self.min[d]) / self.edge) as usize).min(self.cells[d] - 1))
+    }
+
+    fn index(&self, cell: [usize; D]) -> u32 {
+        (0..D).rev().fold(0, |index, d| index * self.cells[d] + cell[d]) as u32
+    }
+
+    /// Appends the neighbours of particle `a`: the adjacent rows of cells in order, each one run of entries.
+    fn near(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, list: &mut Vec<u32>) {
+        let home = self.cell(x_a);
+        let first: [usize; D] = home.map(|c| c.saturating_sub(1));
+        let last: [usize; D] = std::array::from_fn(|d| (home[d] + 1).min(self.cells[d] - 1));
+        let mut row = first;
+        loop {
+            let from = self.starts[self.index(row) as usize] as usize;
+            let mut end_of_row = row;
+            end_of_row[0] = last[0];
+            let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
+            for entry in &self.entries[from..to] {
+                let reach = support * (0.5 * (h_a + entry.h));
+                if (x_a - entry.x).norm_squared() <= reach * reach && entry.row as usize != a {
+                    list.push(entry.row);
+                }
+            }
+            let Some(axis) = (1..D).find(|&d| row[d] < last[d]) else { break };
+            row[axis] += 1;
+            row[1..axis].copy_from_slice(&first[1..axis]);
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        4 * (self.starts.capacity() + self.cell_of.capacity()) + size_of::<Entry<D>>() * self.entries.capacity()
+    }
+}
+
+/// Smallest box around finite points, m; the origin for none.
+fn bounds<const D: usize>(x: &[Vector<D>]) -> (Vector<D>, Vector<D>) {
+    let Some(&first) = x.first() else { return (Vector::ZERO, Vector::ZERO) };
+    x.iter().fold((first, first), |(min, max), &x| (min.zip(x, f64::min), max.zip(x, f64::max)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::Domain;
+    use crate::particles::Particle;
+
+    fn particle<const D: usize>(x: Vector<D>, h: f64) -> Particle<D> {
+        Particle { kind: Kind::Fluid, layer: 0, x, v: Vector::ZERO, mass: 1.0, density: 1.0, pressure: 0.0, h }
+    }
+
+    fn set<const D: usize>(points: impl IntoIterator<Item = (Vector<D>, f64)>) -> Particles<D> {
+        let mut p = Particles::new();
+        for (id, (x, h)) in points.into_iter().enumerate() {
+            p.push(id as u32, particle(x, h));
+        }
+        p
+    }
+
+    /// Numbers in [0, 1) from a fixed sequence.
+    fn random(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        }
+    }
+
+    fn sorted<const D: usize>(near: &Neighbors<D>, n: usize) -> Vec<Vec<u32>> {
+        (0..n)
+            .map(|a| {
+                let mut list = near.of(a).to_vec();
+                list.sort_unstable();
+                list
+            })
+            .collect()
+    }
+
+    fn same_pairs<const D: usize>(p: &Particles<D>, support: f64) {
+        let (mut direct, mut grid) = (Neighbors::new(), Neighbors::new());
+        direct.build(p, support, Search::Direct).unwrap();
+        grid.build(p, support, Search::Grid).unwrap();
+        assert_eq!(sorted(&direct, p.owned()), sorted(&grid, p.owned()));
+        for a in 0..p.owned() {
+            for &b in grid.of(a) {
+                let b = b as usize;
+                assert!(b >= p.owned() || grid.of(b).contains(&(a as u32)), "pair {a}, {b} is seen from one side only");
+            }
+        }
+    }
+
+    #[test]
+    fn grid_and_direct_search_find_the_same_pairs_when_h_differs() {
+        let mut next = random(3);
+        let plane = set((0..900).map(|_| (Vector([next(), next()]), 0.02 + 0.03 * next())));
+        same_pairs(&plane, 2.0);
+        let space = set((0..900).map(|_| (Vector([next(), next(), next()]), 0.05 + 0.05 * next())));
+        same_pairs(&space, 3.0);
+    }
+
+    /// Lattice points lie exactly on cell faces and exactly at the reach.
+    #[test]
+    fn lattices_on_cell_faces_lose_no_pair_near_the_origin_and_far_from_it() {
+        for origin in [0.0, 1e6] {
+            let lattice = set((0..20).flat_map(|i| (0..20).map(move |j| (Vector([origin + f64::from(i), f64::from(j)]), 1.0))));
+            same_pairs(&lattice, 2.0);
+            let mut near = Neighbors::new();
+            near.build(&lattice, 2.0, Search::Grid).unwrap();
+            // 12 lattice points lie within a distance of 2, those at exactly 2 included.
+            assert_eq!(near.of(10 * 20 + 10).len(), 12);
+        }
+    }
+
+    #[test]
+    fn a_periodic_box_sees_across_its_faces_even_when_it_is_two_cells_wide() {
+        let mut next = random(5);
+        for edge in [1.0, 0.45] {
+            let mut p = set((0..300).map(|_| (Vector([edge * next(), next()]), 0.1)));
+            let mut domain = Domain::new(Vector::ZERO, Vector([edge, 1.0]), [true, true]);
+            domain.refresh(&mut p, 0.2);
+            same_pairs(&p, 2.0);
+            let mut near = Neighbors::new();
+            near.build(&p, 2.0, Search::Grid).unwrap();
+            let expected: usize = (0..300).map(|a| images_within(&p, a, edge, 0.2)).sum();
+            assert_eq!(near.pairs(), expected);
+        }
+    }
+
+    /// Images of all particles within `reach` of particle `a`, counted over enough copies of the box.
+    fn images_within(p: &Particles<2>, a: usize, edge: f64, reach: f64) -> usize {
+        let mut count = 0;
+        for b in 0..p.owned() {
+            for (i, j) in (-2..=2).flat_map(|i| (-2..=2).map(move |j| (i, j))) {
+                let image = p.x[b] + Vector([f64::from(i) * edge, f64::from(j)]);
+                count += usize::from((a, 0, 0) != (b, i, j) && (p.x[a] - image).norm_squared() <= reach * reach);
+            }
+        }
+        count
+    }
+
+    #[test]
+    fn empty_sets_and_outliers_are_no_trouble() {
+        same_pairs(&set::<2>([]), 2.0);
+        let mut next = random(7);
+        let outlier = (Vector([1e9, -1e9]), 0.1);
+        same_pairs(&set((0..200).map(|_| (Vector([next(), next()]), 0.1)).chain([outlier])), 2.0);
+    }
+
+    #[test]
+    fn positions_that_are_not_finite_are_named() {
+        let p = set([(Vector([0.0, 0.0]), 0.1), (Vector([f64::NAN, 0.0]), 0.1)]);
+        assert_eq!(Neighbors::new().build(&p, 2.0, Search::Grid), Err(SearchError::NotFinite { particle: 1 }));
+    }
+
+    #[test]
+    fn lists_are_the_same_for_any_number_of_threads() {
+        let mut next = random(11);
+        let p = set((0..3000).map(|_| (Vector([next(), next()]), 0.03)));
+        let lists: Vec<Vec<Vec<u32>>> = [1, 2, 3]
+            .map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let mut near = Neighbors::new();
+                pool.install(|| near.build(&p, 2.0, Search::Grid)).unwrap();
+                (0..p.owned()).map(|a| near.of(a).to_vec()).collect()
+            })
+            .to_vec();
+        assert_eq!(lists[0], lists[1]);
+        assert_eq!(lists[0], lists[2]);
+    }
+}

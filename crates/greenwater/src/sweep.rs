@@ -1,0 +1,35 @@
+//! Loops over all particles, in parallel, with the same bits for any number of threads: each row is written by one closure
+//! call that only reads shared data, and rows are dealt out in fixed blocks.
+
+use rayon::prelude::*;
+
+/// Rows a thread takes at a time.
+pub(crate) const BLOCK: usize = 256;
+
+/// `out[a] = value(a)` for every row.
+pub(crate) fn sweep<T: Send>(out: &mut [T], value: impl Fn(usize) -> T + Sync) {
+    out.par_chunks_mut(BLOCK).enumerate().for_each(|(block, rows)| {
+        for (i, row) in rows.iter_mut().enumerate() {
+            *row = value(block * BLOCK + i);
+        }
+    });
+}
+
+/// `(first[a], second[a]) = values(a)` for every row.
+pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values: impl Fn(usize) -> (T, U) + Sync) {
+    debug_assert_eq!(first.len(), second.len());
+    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (ones, twos))| {
+        for (i, (one, two)) in ones.iter_mut().zip(twos).enumerate() {
+            (*one, *two) = values(block * BLOCK + i);
+        }
+    });
+}
+
+/// The largest `value(a)` over `0..n`; `-∞` for none, NaN if any value is NaN.
+pub(crate) fn largest(n: usize, value: impl Fn(usize) -> f64 + Sync + Send) -> f64 {
+    (0..n)
+        .into_par_iter()
+        .with_min_len(4 * BLOCK)
+        .map(value)
+        .reduce(|| f64::NEG_INFINITY, |a, b| if a.is_nan() || a > b { a } else { b })
+}
