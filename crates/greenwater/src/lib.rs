@@ -5,5 +5,7 @@ pub mod kernel;
 pub mod math;
 pub mod neighbors;
 pub mod particles;
+pub mod poisson;
+pub mod reduce;
 pub mod scheme;
 mod sweep;

@@ -1,0 +1,174 @@
+//! One object that solves, again and again.
+
+use std::time::Instant;
+
+use super::dense::DenseLu;
+use super::krylov::{self, Stuck, System, Vectors};
+use super::preconditioner::Preconditioner;
+use super::{CsrMatrix, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
+use crate::reduce::norm;
+
+/// Largest asymmetry (see [`CsrMatrix::asymmetry`]) of a matrix that CG accepts: rounding, with room to spare.
+const CG_ASYMMETRY: f64 = 1e-6;
+
+/// Largest asymmetry with which IC(0), which reads the lower triangle only, is of use to other methods.
+const IC_ASYMMETRY: f64 = 0.1;
+
+/// Steps of iterative refinement after which elimination has shown what it can.
+const REFINEMENTS: usize = 10;
+
+/// Solver of `A x = b` with its settings and all its work vectors.
+///
+/// Repeated solves of one size allocate nothing. The matrix is factorised or preconditioned anew in every solve.
+pub struct LinearSolver {
+    settings: SolverSettings,
+    preconditioner: Preconditioner,
+    dense: DenseLu,
+    vectors: Vectors,
+}
+
+impl LinearSolver {
+    /// Solver with these settings.
+    ///
+    /// # Errors
+    /// [`SolveError::Setting`] if a value is out of its range.
+    pub fn new(settings: SolverSettings) -> Result<Self, SolveError> {
+        settings.check()?;
+        Ok(Self {
+            preconditioner: Preconditioner::new(settings.preconditioner),
+            settings,
+            dense: DenseLu::new(),
+            vectors: Vectors::default(),
+        })
+    }
+
+    /// The settings of this solver.
+    pub fn settings(&self) -> &SolverSettings {
+        &self.settings
+    }
+
+    /// Solves `A x = b` from the start in `x`, until `|b − A x| ≤ tolerance · |b|`.
+    ///
+    /// The residual tested and reported is the true one: where the recurrence of a method has drifted from it, the method
+    /// restarts from the true residual. A zero right-hand side gives `x = 0` in no iterations; a start that already is a
+    /// solution is left as it is. The bits of `x` are the same for any number of threads.
+    ///
+    /// # Errors
+    /// [`SolveError`] says what is wrong with the input, or why the method failed; `x` then is not a solution.
+    pub fn solve(&mut self, a: &CsrMatrix, b: &[f64], x: &mut [f64]) -> Result<SolveReport, SolveError> {
+        if a.rows() != b.len() || a.rows() != x.len() {
+            return Err(SolveError::Shape { rows: a.rows(), rhs: b.len(), solution: x.len() });
+        }
+        // Entering the pool once is cheaper than at every product.
+        rayon::scope(|_| self.solve_in_pool(a, b, x))
+    }
+
+    fn solve_in_pool(&mut self, a: &CsrMatrix, b: &[f64], x: &mut [f64]) -> Result<SolveReport, SolveError> {
+        let started = Instant::now();
+        let mut report = SolveReport::default();
+        if b.iter().all(|&b| b == 0.0) {
+            x.fill(0.0);
+            return Ok(report);
+        }
+        let b_norm = norm(b);
+        self.vectors.resize(a.rows());
+        let SolverSettings { tolerance, max_iterations, method, .. } = self.settings;
+        let max_iterations = if method == SolverMethod::Gauss { max_iterations.min(REFINEMENTS) } else { max_iterations };
+
+        loop {
+            a.residual(x, b, &mut self.vectors.r);
+            let last = report.residual;
+            report.residual = norm(&self.vectors.r) / b_norm;
+            if !(report.residual.is_finite() && b_norm.is_normal()) {
+                return Err(not_finite(a, b, x, b_norm, &report, last));
+            }
+            if report.residual <= tolerance {
+                report.seconds = started.elapsed().as_secs_f64();
+                return Ok(report);
+            }
+            if report.iterations >= max_iterations {
+                let SolveReport { iterations, residual, .. } = report;
+                return Err(SolveError::NotConverged { iterations, residual, tolerance });
+            }
+            if report.iterations == 0 {
+                let setup = Instant::now();
+                report.diagonal_shift = self.prepare(a)?;
+                report.setup_seconds = setup.elapsed().as_secs_f64();
+            }
+            let (target, budget) = (tolerance * b_norm, max_iterations - report.iterations);
+            report.iterations += self.restart(a, x, target, budget).map_err(|Stuck { reason, cure }| {
+                let SolveReport { iterations, residual, .. } = report;
+                SolveError::Breakdown { method: name(method), iterations, residual, reason, cure }
+            })?;
+        }
+    }
+
+    /// Factorises or preconditions; answers the shift of the diagonal.
+    fn prepare(&mut self, a: &CsrMatrix) -> Result<f64, SolveError> {
+        let limit = match (self.settings.method, self.settings.preconditioner) {
+            (SolverMethod::Gauss, _) => return self.dense.factor(a).map(|()| 0.0),
+            (SolverMethod::Cg, _) => Some(("cg", CG_ASYMMETRY)),
+            (_, PreconditionerKind::Ic0) => Some(("ic0", IC_ASYMMETRY)),
+            _ => None,
+        };
+        if let Some((stage, limit)) = limit {
+            let (row, asymmetry) = a.asymmetry();
+            if asymmetry > limit {
+                return Err(SolveError::NotSymmetric { stage, row, asymmetry, limit });
+            }
+        }
+        self.preconditioner.build(a)
+    }
+
+    /// Improves `x` from the true residual; answers the iterations made.
+    fn restart(&mut self, a: &CsrMatrix, x: &mut [f64], target: f64, budget: usize) -> Result<usize, Stuck> {
+        let v = &mut self.vectors;
+        let mut system = System { a, m: &mut self.preconditioner, target, budget };
+        match self.settings.method {
+            SolverMethod::Gauss => {
+                self.dense.refine(&v.r, x, &mut v.z);
+                Ok(1)
+            }
+            SolverMethod::Gmres => krylov::gmres(&mut system, self.settings.restart, x, v),
+            SolverMethod::Cg => krylov::cg(&mut system, x, v),
+            SolverMethod::Bicgstab => krylov::bicgstab(&mut system, x, v),
+        }
+    }
+}
+
+fn name(method: SolverMethod) -> &'static str {
+    match method {
+        SolverMethod::Gauss => "gauss",
+        SolverMethod::Gmres => "gmres",
+        SolverMethod::Cg => "cg",
+        SolverMethod::Bicgstab => "bicgstab",
+    }
+}
+
+/// The error behind a residual that is not finite.
+fn not_finite(a: &CsrMatrix, b: &[f64], x: &[f64], b_norm: f64, report: &SolveReport, last: f64) -> SolveError {
+    let first = |v: &[f64]| v.iter().position(|v| !v.is_finite()).map(|i| (i, v[i]));
+    if let Some((row, value)) = a.first_not_finite() {
+        return SolveError::NotFinite { what: "matrix", row, value };
+    }
+    if let Some((row, value)) = first(b) {
+        return SolveError::NotFinite { what: "right-hand side", row, value };
+    }
+    if report.iterations > 0 {
+        return SolveError::Breakdown {
+            method: "linear solver",
+            iterations: report.iterations,
+            residual: last,
+            reason: "the iterates overflowed",
+            cure: "choose another `method` or `preconditioner`",
+        };
+    }
+    if let Some((row, value)) = first(x) {
+        return SolveError::NotFinite { what: "start vector", row, value };
+    }
+    if b_norm.is_normal() {
+        SolveError::OutOfRange { what: "the first residual, relative to the right-hand side,", value: report.residual }
+    } else {
+        SolveError::OutOfRange { what: "the right-hand side", value: b_norm }
+    }
+}
