@@ -16,11 +16,9 @@ const LAST_SHIFT: f64 = 1e3;
 /// Part of the diagonal below which a pivot of IC(0) counts as lost.
 const LOST_PIVOT: f64 = 1e-8;
 
-/// Rows from which levels are looked for; below, one thread is always faster.
-const LEVELLED_ROWS: usize = 50_000;
-
-/// Mean rows in a level from which sharing a level among threads is worth it.
-const LEVEL_WIDTH: usize = 512;
+/// Mean entries in a level from which sharing a level among threads is worth it. On two cores levels of 16 000 entries broke
+/// even with one thread; smaller ones, that is all in 2D and 3D up to some 10⁵ rows, lost.
+const LEVEL_ENTRIES: usize = 32_768;
 
 /// `z = M⁻¹ r` for the preconditioner of a kind, in storage that is reused.
 #[derive(Debug)]
@@ -74,9 +72,9 @@ impl Preconditioner {
         self.row.resize(n, 0.0);
         self.swept.resize(n, 0.0);
         let shift = if self.kind == PreconditionerKind::Ilu0 { self.factor_lu(a)? } else { self.factor_cholesky(a)? };
-        let level_width = (n >= LEVELLED_ROWS && rayon::current_num_threads() > 1).then_some(LEVEL_WIDTH);
-        self.forward.arrange(&self.lower, 0..n, level_width);
-        self.backward.arrange(&self.upper, (0..n).rev(), level_width);
+        let level_entries = (rayon::current_num_threads() > 1).then_some(LEVEL_ENTRIES);
+        self.forward.arrange(&self.lower, 0..n, level_entries);
+        self.backward.arrange(&self.upper, (0..n).rev(), level_entries);
         Ok(shift)
     }
 
@@ -263,15 +261,17 @@ struct Sweep {
 impl Sweep {
     /// Stores `triangle`; `natural` is an order in which each row comes after those it depends on.
     ///
-    /// Rows are sorted by level where a level then has `level_width` rows in the mean, else kept in the natural order.
-    fn arrange(&mut self, triangle: &Strict, natural: impl Iterator<Item = usize> + Clone, level_width: Option<usize>) {
-        let n = triangle.rows();
+    /// Rows are sorted by level where a level then has `level_entries` entries in the mean, else kept in the natural order.
+    fn arrange(&mut self, triangle: &Strict, natural: impl Iterator<Item = usize> + Clone, level_entries: Option<usize>) {
+        let (n, entries) = (triangle.rows(), triangle.columns.len());
         let Self { order, place, rows, levels } = self;
         order.clear();
         order.extend(natural.clone().map(|i| i as u32));
         levels.clear();
         place.resize(n, 0);
-        if let Some(width) = level_width {
+        if let Some(least) = level_entries
+            && entries >= 2 * least
+        {
             // Level of a row, kept in `place` for the moment, and ends of the levels by counting.
             for i in natural.clone() {
                 let level = triangle.row(i).0.iter().map(|&j| place[j as usize] + 1).max().unwrap_or(0);
@@ -281,7 +281,7 @@ impl Sweep {
                 }
                 levels[level as usize] += 1;
             }
-            if n >= width * levels.len() {
+            if entries >= least * levels.len() {
                 let mut start = 0;
                 for end in levels.iter_mut() {
                     (*end, start) = (start, start + *end);

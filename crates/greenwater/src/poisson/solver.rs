@@ -80,7 +80,8 @@ impl LinearSolver {
             let last = report.residual;
             report.residual = norm(&self.vectors.r) / b_norm;
             if !(report.residual.is_finite() && b_norm.is_normal()) {
-                return Err(not_finite(a, b, x, b_norm, &report, last));
+                let method = name(method);
+                return Err(not_finite(method, a, b, x, b_norm, &report, last));
             }
             if report.residual <= tolerance {
                 report.seconds = started.elapsed().as_secs_f64();
@@ -146,7 +147,9 @@ fn name(method: SolverMethod) -> &'static str {
 }
 
 /// The error behind a residual that is not finite.
-fn not_finite(a: &CsrMatrix, b: &[f64], x: &[f64], b_norm: f64, report: &SolveReport, last: f64) -> SolveError {
+fn not_finite(
+    method: &'static str, a: &CsrMatrix, b: &[f64], x: &[f64], b_norm: f64, report: &SolveReport, last: f64,
+) -> SolveError {
     let first = |v: &[f64]| v.iter().position(|v| !v.is_finite()).map(|i| (i, v[i]));
     if let Some((row, value)) = a.first_not_finite() {
         return SolveError::NotFinite { what: "matrix", row, value };
@@ -156,7 +159,7 @@ fn not_finite(a: &CsrMatrix, b: &[f64], x: &[f64], b_norm: f64, report: &SolveRe
     }
     if report.iterations > 0 {
         return SolveError::Breakdown {
-            method: "linear solver",
+            method,
             iterations: report.iterations,
             residual: last,
             reason: "the iterates overflowed",
