@@ -1,8 +1,8 @@
 //! Linear solvers against dense elimination, analytic solutions and each other.
 
-use greenwater::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
 use PreconditionerKind::{Ic0, Ilu0, Jacobi, None as Plain};
 use SolverMethod::{Bicgstab, Cg, Gauss, Gmres};
+use greenwater::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
 
 const SYMMETRIC: [(SolverMethod, PreconditionerKind); 13] = [
     (Gauss, Plain),
@@ -25,7 +25,11 @@ fn solver(method: SolverMethod, preconditioner: PreconditionerKind, tolerance: f
 }
 
 fn solve(
-    method: SolverMethod, preconditioner: PreconditionerKind, tolerance: f64, a: &CsrMatrix, b: &[f64],
+    method: SolverMethod,
+    preconditioner: PreconditionerKind,
+    tolerance: f64,
+    a: &CsrMatrix,
+    b: &[f64],
 ) -> Result<(Vec<f64>, SolveReport), SolveError> {
     let mut x = vec![0.0; b.len()];
     let report = solver(method, preconditioner, tolerance).solve(a, b, &mut x)?;
@@ -159,8 +163,7 @@ fn the_poisson_equation_on_a_lattice_has_its_analytic_solution() {
     let (m, k, l) = (40, 2.0, 3.0);
     let step = std::f64::consts::PI / (m + 1) as f64;
     let eigenvalue = 4.0 - 2.0 * (k * step).cos() - 2.0 * (l * step).cos();
-    let exact: Vec<f64> =
-        (0..m * m).map(|i| (k * step * (i % m + 1) as f64).sin() * (l * step * (i / m + 1) as f64).sin()).collect();
+    let exact: Vec<f64> = (0..m * m).map(|i| (k * step * (i % m + 1) as f64).sin() * (l * step * (i / m + 1) as f64).sin()).collect();
     // A second mode, so that the right-hand side is no eigenvector and the methods have work to do.
     let other: Vec<f64> = (0..m * m).map(|i| (step * (i % m + 1) as f64).sin() * (step * (i / m + 1) as f64).sin()).collect();
     let lowest = 4.0 - 4.0 * step.cos();

@@ -199,9 +199,7 @@ impl CsrMatrix {
 
     /// Compares the entries on one side of the diagonal with those across; answers the worst row with its value, and how many
     /// entries have a partner.
-    fn compare(
-        &self, side: impl Fn(usize) -> Range<usize> + Sync, across: impl Fn(usize) -> Range<usize> + Sync,
-    ) -> ((usize, f64), usize) {
+    fn compare(&self, side: impl Fn(usize) -> Range<usize> + Sync, across: impl Fn(usize) -> Range<usize> + Sync) -> ((usize, f64), usize) {
         let row = |i: usize| {
             let (mut worst, mut partners) = (0.0f64, 0);
             for at in side(i) {

@@ -5,9 +5,9 @@
 //! the true residual and decides. Preconditioning is from the right (symmetric for CG), so that the recurrence follows the
 //! true residual. Nothing is allocated.
 
+use super::CsrMatrix;
 use super::csr::{add_scaled, scale_add};
 use super::preconditioner::Preconditioner;
-use super::CsrMatrix;
 use crate::reduce::{dot, norm};
 
 /// `A x = b` as one restart sees it.
@@ -177,10 +177,13 @@ pub(super) fn gmres(system: &mut System, restart: usize, x: &mut [f64], v: &mut 
     }
     system.m.apply(q, z);
     add_scaled(x, 1.0, z);
-    done_or_stuck(size, Stuck {
-        reason: "the matrix maps the residual to nothing",
-        cure: "the matrix is singular or its entries overflow: give each connected part of the fluid a row with known pressure",
-    })
+    done_or_stuck(
+        size,
+        Stuck {
+            reason: "the matrix maps the residual to nothing",
+            cure: "the matrix is singular or its entries overflow: give each connected part of the fluid a row with known pressure",
+        },
+    )
 }
 
 fn scale_into(y: &mut [f64], s: f64, x: &[f64]) {

@@ -57,13 +57,7 @@ pub struct SolverSettings {
 
 impl Default for SolverSettings {
     fn default() -> Self {
-        Self {
-            method: SolverMethod::Cg,
-            preconditioner: PreconditionerKind::Ic0,
-            tolerance: 1e-6,
-            max_iterations: 2000,
-            restart: 30,
-        }
+        Self { method: SolverMethod::Cg, preconditioner: PreconditionerKind::Ic0, tolerance: 1e-6, max_iterations: 2000, restart: 30 }
     }
 }
 

@@ -147,9 +147,7 @@ fn name(method: SolverMethod) -> &'static str {
 }
 
 /// The error behind a residual that is not finite.
-fn not_finite(
-    method: &'static str, a: &CsrMatrix, b: &[f64], x: &[f64], b_norm: f64, report: &SolveReport, last: f64,
-) -> SolveError {
+fn not_finite(method: &'static str, a: &CsrMatrix, b: &[f64], x: &[f64], b_norm: f64, report: &SolveReport, last: f64) -> SolveError {
     let first = |v: &[f64]| v.iter().position(|v| !v.is_finite()).map(|i| (i, v[i]));
     if let Some((row, value)) = a.first_not_finite() {
         return SolveError::NotFinite { what: "matrix", row, value };
