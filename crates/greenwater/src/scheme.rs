@@ -4,18 +4,150 @@ pub mod isph_paper;
 pub mod wcsph;
 
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
-use isph_paper::IsphPaperSettings;
-use wcsph::WcsphSettings;
+use crate::domain::Domain;
+use crate::math::Vector;
+use crate::neighbors::SearchError;
+use crate::particles::Particles;
+use crate::poisson::SolveError;
+use crate::time::{Phases, StepLimit};
+
+pub use isph_paper::{IsphPaper, IsphPaperSettings};
+pub use wcsph::{Wcsph, WcsphSettings};
+
+/// A numerical method: advances particles by one time step.
+///
+/// The driver calls [`start`](Scheme::start) once, then for each step [`time_step`](Scheme::time_step) and
+/// [`step`](Scheme::step) with a `dt` no larger than the limit.
+pub trait Scheme<const D: usize>: Send {
+    /// Fills the columns the method derives from the initial state (density, pressure, acceleration, surface ...).
+    ///
+    /// # Errors
+    /// As [`step`](Scheme::step).
+    fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError>;
+
+    /// The largest stable time step from the present state, s, and what bounds it.
+    fn time_step(&self, p: &Particles<D>) -> StepLimit;
+
+    /// Advances the state by `dt`, s. Adds the time of each phase to `phases`.
+    ///
+    /// # Errors
+    /// The pressure equation was not solved, or a value is no longer finite. The state is then part-way through the step.
+    fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError>;
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// Iterations of the pressure solve; absent for explicit methods.
+    pub iterations: Option<usize>,
+    /// True relative residual of the pressure solve, dimensionless; absent for explicit methods.
+    pub residual: Option<f64>,
+}
+
+/// Why a step stopped.
+#[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum StepError {
+    /// No pairs could be found.
+    #[error(transparent)]
+    Search(#[from] SearchError),
+    /// The pressure equation was not solved.
+    #[error("pressure equation: {0}")]
+    Pressure(#[from] SolveError),
+    /// A field holds NaN or infinity.
+    #[error("{field} of particle {particle} is not finite")]
+    NotFinite {
+        /// Name of the field.
+        field: &'static str,
+        /// Name (`id`) of the particle.
+        particle: u32,
+    },
+    /// A particle is faster than anything the case can cause.
+    #[error(
+        "velocity of particle {particle} is {speed:.3e} m/s, but this case cannot cause more than {limit:.3e} m/s; \
+         the method is unstable here: try a smaller `time.courant`"
+    )]
+    Runaway {
+        /// Name (`id`) of the particle.
+        particle: u32,
+        /// Its speed, m/s.
+        speed: f64,
+        /// The bound, m/s.
+        limit: f64,
+    },
+}
+
+/// The fluid and the forces on it: what every method needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Medium<const D: usize> {
+    /// Density at rest `ρ0`, kg/m³.
+    pub rest_density: f64,
+    /// Dynamic viscosity `μ`, Pa s.
+    pub viscosity: f64,
+    /// Acceleration of gravity, m/s².
+    pub gravity: Vector<D>,
+    /// Particle spacing at the start, m.
+    pub spacing: f64,
+    /// Height `H` of the fluid at the start, along gravity, m.
+    pub depth: f64,
+    /// Position of the floor along the upward axis, m: heights `y` are counted from here.
+    pub floor: f64,
+    /// Courant number `C` of (32), dimensionless.
+    pub courant: f64,
+}
+
+impl<const D: usize> Medium<D> {
+    /// Height of `x` above the floor, against gravity, m; 0 without gravity.
+    pub fn height(&self, x: Vector<D>) -> f64 {
+        let g = self.gravity.norm();
+        if g == 0.0 { 0.0 } else { -x.dot(self.gravity) / g - self.floor }
+    }
+
+    /// Magnitude of gravity, m/s².
+    pub fn g(&self) -> f64 {
+        self.gravity.norm()
+    }
+}
 
 /// The methods a case may name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MethodName {
-    /// Weakly compressible SPH as the paper states it.
+    /// [`Wcsph`].
     Wcsph,
-    /// Incompressible SPH as the paper states it.
+    /// [`IsphPaper`].
     IsphPaper,
+}
+
+impl MethodName {
+    /// Every method, in the order they are listed to users.
+    pub const ALL: [Self; 2] = [Self::Wcsph, Self::IsphPaper];
+
+    /// The name as written in a case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Wcsph => "wcsph",
+            Self::IsphPaper => "isph-paper",
+        }
+    }
+
+    /// A title for reports.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Wcsph => "SPH (weakly compressible, the paper's)",
+            Self::IsphPaper => "ISPH (incompressible, the paper's)",
+        }
+    }
+
+    /// What it is and where it comes from, in one line.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Wcsph => "explicit, weakly compressible, Lennard-Jones walls; Afanasiev, Makarchuk & Popov (2008), after Monaghan (1994)",
+            Self::IsphPaper => "a pressure equation each step, Morris walls; Afanasiev, Makarchuk & Popov (2008), after Shao & Lo (2003)",
+        }
+    }
 }
 
 /// Which defaults a method starts from.
@@ -29,6 +161,16 @@ pub enum Preset {
     Paper,
 }
 
+impl Preset {
+    /// The name as written in a case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Water => "water",
+            Self::Paper => "paper",
+        }
+    }
+}
+
 /// A method with all its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "name", rename_all = "kebab-case")]
@@ -37,4 +179,30 @@ pub enum MethodSettings {
     Wcsph(WcsphSettings),
     /// Parameters of [`MethodName::IsphPaper`].
     IsphPaper(IsphPaperSettings),
+}
+
+impl MethodSettings {
+    /// The defaults of `method` under `preset`.
+    pub fn preset(method: MethodName, preset: Preset) -> Self {
+        match method {
+            MethodName::Wcsph => Self::Wcsph(WcsphSettings::preset(preset)),
+            MethodName::IsphPaper => Self::IsphPaper(IsphPaperSettings::preset(preset)),
+        }
+    }
+
+    /// Which method this is.
+    pub fn method(&self) -> MethodName {
+        match self {
+            Self::Wcsph(_) => MethodName::Wcsph,
+            Self::IsphPaper(_) => MethodName::IsphPaper,
+        }
+    }
+
+    /// The preset the defaults came from.
+    pub fn preset_name(&self) -> Preset {
+        match self {
+            Self::Wcsph(settings) => settings.preset,
+            Self::IsphPaper(settings) => settings.preset,
+        }
+    }
 }

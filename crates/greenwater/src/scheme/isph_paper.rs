@@ -1,10 +1,22 @@
-//! Incompressible SPH as the paper states it.
+//! Incompressible SPH as the paper states it: prediction without pressure, a pressure equation, correction.
 
 use serde::{Deserialize, Serialize};
 
-use super::Preset;
+use super::{Medium, Preset, Scheme, StepError, StepReport};
+use crate::domain::Domain;
+use crate::kernel::Kernel;
+use crate::math::Vector;
+use crate::neighbors::{Neighbors, Pair, Search};
+use crate::particles::{Kind, Particles};
+use crate::physics::pressure::{laplacian_brookshaw, laplacian_shao_lo, symmetric};
+use crate::physics::surface::{Arcs, SurfaceTest, is_exposed};
+use crate::physics::{summation_density, viscosity};
+use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport, SolverSettings};
+use crate::sweep::{largest, sweep, sweep2};
+use crate::time::{Phases, StepLimit};
+use crate::walls::{first_line_parents, wall_normals};
 
-/// Form of the pressure operator.
+/// Form of the pressure operator `∇·(∇p/ρ)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Laplacian {
@@ -12,6 +24,40 @@ pub enum Laplacian {
     ShaoLo,
     /// Equation (17), Brookshaw (1985).
     Brookshaw,
+}
+
+/// What stands beyond the free surface in the pressure gradient of a surface particle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SurfaceGhosts {
+    /// Every neighbour mirrored through the particle, with opposite pressure (the paper's section 10; Shao & Lo 2003).
+    Mirrored,
+    /// Nothing.
+    None,
+}
+
+/// The time in which the pressure of (31) removes a density error `ρ* − ρ0`.
+///
+/// A particle pushed out of an overlap `δ` leaves with the speed `δ` over this time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DensitySource {
+    /// One time step, as printed: source `(ρ0 − ρ*)/(ρ0 Δt²)`. By (32) the step shrinks as the fastest particle speeds up, and the
+    /// speed a given overlap turns into grows with it: one particle caught between wall and fluid can run away.
+    Step,
+    /// Never less than `τ = C h/(2 sqrt(g H))`, the step of a front at its greatest speed: source `(ρ0 − ρ*)/(ρ0 Δt max(Δt, τ))`.
+    Front,
+}
+
+/// What keeps fluid out of walls besides the pressure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WallGuard {
+    /// Nothing, as printed: a particle of the surface has no pressure, and neither has the wall under it.
+    None,
+    /// A particle that would cross the face of a wall, half a spacing before its first line, is set back on the face and loses
+    /// its velocity into the wall.
+    SetBack,
 }
 
 /// Parameters of the method `isph-paper`.
@@ -24,4 +70,364 @@ pub struct IsphPaperSettings {
     pub laplacian: Laplacian,
     /// `η` of (16) and (18), dimensionless, > 0.
     pub eta: f64,
+    /// How surface particles are told.
+    pub surface: SurfaceTest,
+    /// Share of the rest density below which a particle belongs to the surface, dimensionless, in (0, 1); for `surface = "density"`.
+    pub surface_threshold: f64,
+    /// Radius of the discs in particle spacings, > 0.71; for `surface = "dilts"`.
+    pub surface_radius: f64,
+    /// What stands beyond the surface in the pressure gradient.
+    pub surface_ghosts: SurfaceGhosts,
+    /// What the density error of (31) is divided by.
+    pub density_source: DensitySource,
+    /// What keeps fluid out of walls besides the pressure.
+    pub wall_guard: WallGuard,
+    /// Linear coefficient of an artificial viscosity (13) added to the prediction, dimensionless, >= 0; 0 as printed. Its speed
+    /// of sound is `10 sqrt(2 g H)`, as in the explicit method.
+    pub alpha: f64,
+    /// How pairs are found.
+    pub search: Search,
+    /// Solver of the pressure equation.
+    pub solver: SolverSettings,
+}
+
+impl IsphPaperSettings {
+    /// The defaults of `preset`.
+    pub fn preset(preset: Preset) -> Self {
+        let printed = Self {
+            preset,
+            laplacian: Laplacian::ShaoLo,
+            eta: 0.1,
+            surface: SurfaceTest::Density,
+            surface_threshold: 0.97,
+            surface_radius: 1.1,
+            surface_ghosts: SurfaceGhosts::Mirrored,
+            density_source: DensitySource::Step,
+            wall_guard: WallGuard::None,
+            alpha: 0.0,
+            search: Search::Grid,
+            solver: SolverSettings::default(),
+        };
+        match preset {
+            Preset::Paper => printed,
+            Preset::Water => {
+                Self { density_source: DensitySource::Front, wall_guard: WallGuard::SetBack, alpha: 0.02, ..printed }
+            }
+        }
+    }
+}
+
+/// The incompressible method of the paper: equations (11), (16)-(18), (20), (29)-(32).
+///
+/// Walls are three lines of fixed particles (Morris, Fox & Zhu 1997): all count in the density (11) and in the viscosity (18);
+/// the first one carries an unknown pressure and enters the pressure equation and its gradient; the others take the pressure
+/// of the first-line particle in front of them (no normal gradient). Surface particles have no pressure.
+///
+/// Sources: Afanasiev, Makarchuk & Popov, NNFM 101 (2008) 206; Shao & Lo, Adv. Water Resour. 26 (2003) 787;
+/// Cummins & Rudman, J. Comput. Phys. 152 (1999) 584.
+pub struct IsphPaper<K, const D: usize> {
+    kernel: K,
+    medium: Medium<D>,
+    settings: IsphPaperSettings,
+    near: Neighbors<D>,
+    solver: LinearSolver,
+    matrix: CsrMatrix,
+    source: Vec<f64>,
+    solution: Vec<f64>,
+    /// First-line particle in front of each wall particle.
+    parents: Vec<u32>,
+    /// Unit normal of each first-line wall particle, towards the fluid; zero for all others.
+    normals: Vec<Vector<D>>,
+    x_before: Vec<Vector<D>>,
+    v_before: Vec<Vector<D>>,
+}
+
+impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
+    /// The method for a fluid, with a kernel and checked parameters.
+    ///
+    /// # Errors
+    /// Solver settings that contradict each other.
+    pub fn new(kernel: K, medium: Medium<D>, settings: IsphPaperSettings) -> Result<Self, SolveError> {
+        Ok(Self {
+            kernel,
+            medium,
+            solver: LinearSolver::new(settings.solver.clone())?,
+            settings,
+            near: Neighbors::new(),
+            matrix: CsrMatrix::new(),
+            source: Vec::new(),
+            solution: Vec::new(),
+            parents: Vec::new(),
+            normals: Vec::new(),
+            x_before: Vec::new(),
+            v_before: Vec::new(),
+        })
+    }
+
+    /// Ghosts and pairs at the present positions.
+    fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
+        phases.measure("search", || {
+            domain.refresh(p, K::RADIUS * p.h_max());
+            self.near.build(p, K::RADIUS, self.settings.search)
+        })?;
+        Ok(())
+    }
+
+    /// `g + ν ∇²v`, m/s², by (18); walls drag at rest.
+    fn predicted_acceleration(&self, p: &mut Particles<D>) {
+        let (near, kernel, medium) = (&self.near, self.kernel, self.medium);
+        let (eta, alpha) = (self.settings.eta, self.settings.alpha);
+        let sound = 10.0 * (2.0 * medium.g() * medium.depth).sqrt();
+        let owned = p.owned();
+        let mut acceleration = std::mem::take(&mut p.acceleration);
+        sweep(&mut acceleration[..owned], |a| {
+            if !p.is_fluid(a) {
+                return Vector::ZERO;
+            }
+            let mut total = medium.gravity;
+            if medium.viscosity == 0.0 && alpha == 0.0 {
+                return total;
+            }
+            near.for_each(a, |pair| {
+                let b = pair.b;
+                let slope = kernel.dw_over_r(pair.r, pair.h);
+                let eta_squared = eta * eta * pair.h * pair.h;
+                let v_ab = p.v[a] - p.v[b];
+                total += viscosity::laplacian(p.mass[b], medium.viscosity, p.density[a], p.density[b], slope, pair.r, eta_squared) * v_ab;
+                if alpha > 0.0 && p.is_fluid(b) {
+                    let approach = viscosity::Approach {
+                        v_ab,
+                        x_ab: pair.x_ab,
+                        r: pair.r,
+                        h: pair.h,
+                        sound,
+                        density: 0.5 * (p.density[a] + p.density[b]),
+                    };
+                    total -= p.mass[b] * viscosity::artificial(approach, alpha, 0.0, eta) * (slope * pair.x_ab);
+                }
+            });
+            total
+        });
+        p.acceleration = acceleration;
+    }
+
+    /// (11) for all particles, and who belongs to the free surface.
+    fn density_and_surface(&self, p: &mut Particles<D>, domain: &Domain<D>) {
+        let (near, kernel) = (&self.near, self.kernel);
+        let owned = p.owned();
+        let mut density = std::mem::take(&mut p.density);
+        sweep(&mut density[..owned], |a| summation_density(kernel, near, &p.mass, a));
+        domain.refresh_column(&mut density);
+        p.density = density;
+
+        let mut surface = std::mem::take(&mut p.surface);
+        match self.settings.surface {
+            SurfaceTest::Density => {
+                let threshold = self.settings.surface_threshold * self.medium.rest_density;
+                sweep(&mut surface[..owned], |a| u8::from(p.density[a] < threshold));
+            }
+            SurfaceTest::Dilts => {
+                let radius = self.settings.surface_radius * self.medium.spacing;
+                sweep(&mut surface[..owned], |a| u8::from(is_exposed(near, radius, a, &mut Arcs::default())));
+            }
+        }
+        domain.refresh_column(&mut surface);
+        p.surface = surface;
+    }
+
+    /// Coefficient of `(p_a − p_b)` in `−ρ0-weighted ∇·(∇p/ρ)`: (16) or (17), times both masses, so that the matrix is symmetric.
+    #[inline(always)]
+    fn coupling(&self, p: &Particles<D>, a: usize, pair: &Pair<D>) -> f64 {
+        let slope = self.kernel.dw_over_r(pair.r, pair.h);
+        let (rho_a, rho_b) = (p.density[a], p.density[pair.b]);
+        let operator = match self.settings.laplacian {
+            Laplacian::ShaoLo => {
+                let eta = self.settings.eta * pair.h;
+                laplacian_shao_lo(rho_a, rho_b, slope, pair.r, eta * eta)
+            }
+            Laplacian::Brookshaw => laplacian_brookshaw(rho_a, rho_b, slope),
+        };
+        p.mass[a] * p.mass[pair.b] * operator
+    }
+
+    /// The pressure equation (31) at the predicted positions. Rows of surface particles, of walls behind the first line and of
+    /// lost particles are identities with pressure zero; their columns are left out, as the pressure there is zero.
+    fn assemble(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
+        let owned = p.owned();
+        let mut matrix = std::mem::take(&mut self.matrix);
+        matrix.assemble(owned, |a, row| {
+            let mut diagonal = 0.0;
+            if carries_pressure(p, a) {
+                self.near.for_each(a, |pair| {
+                    if in_gradient(p, pair.b) {
+                        let k = self.coupling(p, a, &pair);
+                        diagonal += k;
+                        if carries_pressure(p, pair.b) {
+                            row.push(domain.parent(pair.b, owned), -k);
+                        }
+                    }
+                });
+            }
+            row.push(a, if diagonal > 0.0 { diagonal } else { 1.0 });
+        });
+        self.matrix = matrix;
+
+        let rest = self.medium.rest_density;
+        let removal_time = match self.settings.density_source {
+            DensitySource::Step => dt,
+            DensitySource::Front => dt.max(self.front_step(p)),
+        };
+        self.source.resize(owned, 0.0);
+        sweep(&mut self.source, |a| {
+            if carries_pressure(p, a) { p.mass[a] * (p.density[a] - rest) / (rest * dt * removal_time) } else { 0.0 }
+        });
+    }
+
+    /// (31): pressure from the predicted density; warm start from the pressure of the step before.
+    fn solve_pressure(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64, phases: &mut Phases) -> Result<SolveReport, StepError> {
+        phases.measure("assembly", || self.assemble(p, domain, dt));
+        let owned = p.owned();
+        self.solution.resize(owned, 0.0);
+        sweep(&mut self.solution, |a| if carries_pressure(p, a) { p.pressure[a] } else { 0.0 });
+        let report = phases.measure("solver", || self.solver.solve(&self.matrix, &self.source, &mut self.solution))?;
+        let (solution, parents) = (&self.solution, &self.parents);
+        sweep(&mut p.pressure[..owned], |a| solution[parents[a] as usize]);
+        domain.refresh_column(&mut p.pressure);
+        Ok(report)
+    }
+
+    /// The step (32) of a dam-break front at its greatest speed `2 sqrt(g H)` (Ritter 1892), s.
+    fn front_step(&self, p: &Particles<D>) -> f64 {
+        self.medium.courant * p.h_min() / (2.0 * (self.medium.g() * self.medium.depth).sqrt())
+    }
+
+    /// Sets fluid that crossed the face of a wall back on it, and takes its velocity into the wall.
+    fn guard_walls(&self, p: &mut Particles<D>) {
+        let face = 0.5 * self.medium.spacing;
+        let guarded = |a: usize| -> (Vector<D>, Vector<D>) {
+            let (mut x, mut v) = (p.x[a], p.v[a]);
+            if p.is_fluid(a) {
+                self.near.for_each(a, |pair| {
+                    let normal = self.normals[pair.b];
+                    let from_wall = x - p.x[pair.b];
+                    let depth = face - from_wall.dot(normal);
+                    let aside = (from_wall - from_wall.dot(normal) * normal).norm();
+                    if normal != Vector::ZERO && depth > 0.0 && aside <= self.medium.spacing {
+                        x += depth * normal;
+                        v -= v.dot(normal).min(0.0) * normal;
+                    }
+                });
+            }
+            (x, v)
+        };
+        let owned = p.owned();
+        let (mut x, mut v) = (p.x.clone(), p.v.clone());
+        sweep2(&mut x[..owned], &mut v[..owned], guarded);
+        (p.x, p.v) = (x, v);
+    }
+
+    /// `−∇p/ρ`, m/s², by (20) over fluid and the first line of walls. At the surface every neighbour counts twice: with its image
+    /// mirrored through the particle and of opposite pressure, pair and image add up to `2 m_b p_b/ρ_b² ∇W`.
+    fn pressure_acceleration(&self, p: &Particles<D>, a: usize) -> Vector<D> {
+        let mut total = Vector::ZERO;
+        if !p.is_fluid(a) {
+            return total;
+        }
+        let mirrored = p.surface[a] == 1 && self.settings.surface_ghosts == SurfaceGhosts::Mirrored;
+        self.near.for_each(a, |pair| {
+            let b = pair.b;
+            if in_gradient(p, b) {
+                let factor = if mirrored {
+                    2.0 * p.pressure[b] / (p.density[b] * p.density[b])
+                } else {
+                    symmetric(p.pressure[a], p.density[a], p.pressure[b], p.density[b])
+                };
+                total -= p.mass[b] * factor * self.kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+            }
+        });
+        total
+    }
+}
+
+/// Whether `b` takes part in the pressure operator and the gradient: fluid and the first line of walls.
+#[inline(always)]
+fn in_gradient<const D: usize>(p: &Particles<D>, b: usize) -> bool {
+    match p.kind[b] {
+        Kind::Fluid => true,
+        Kind::Wall => p.layer[b] == 1,
+        Kind::Lost => false,
+    }
+}
+
+/// Whether the pressure of `a` is an unknown: it takes part and is not at the surface.
+#[inline(always)]
+fn carries_pressure<const D: usize>(p: &Particles<D>, a: usize) -> bool {
+    in_gradient(p, a) && p.surface[a] == 0
+}
+
+impl<K: Kernel<D>, const D: usize> Scheme<D> for IsphPaper<K, D> {
+    /// Density and surface at the start, and the acceleration that gravity, viscosity and the given pressure make.
+    fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
+        self.search(p, domain, &mut Phases::default())?;
+        self.parents = first_line_parents(&self.near, p);
+        self.normals = wall_normals(self.kernel, &self.near, p);
+        domain.refresh_column(&mut self.normals);
+        self.density_and_surface(p, domain);
+        self.predicted_acceleration(p);
+        let mut acceleration = p.acceleration.clone();
+        sweep(&mut acceleration[..p.owned()], |a| p.acceleration[a] + self.pressure_acceleration(p, a));
+        p.acceleration = acceleration;
+        Ok(())
+    }
+
+    /// (32): `C min(h)/max|v|`. The print gives no step for a fluid at rest; `sqrt(g H)`, the speed its pressure can cause, is
+    /// the least speed here.
+    fn time_step(&self, p: &Particles<D>) -> StepLimit {
+        let h = p.h_min();
+        let speed = largest(p.owned(), |a| p.v[a].norm_squared()).sqrt();
+        let least = (self.medium.g() * self.medium.depth).sqrt();
+        let c = self.medium.courant;
+        StepLimit::new(c * h / speed, "flow").min(StepLimit::new(c * h / least, "depth"))
+    }
+
+    fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
+        let owned = p.owned();
+
+        // (29) predict without pressure: v* = vⁿ + Δt (g + ν ∇²v), r* = rⁿ + Δt v*
+        self.search(p, domain, phases)?;
+        self.x_before.clone_from(&p.x);
+        self.v_before.clone_from(&p.v);
+        phases.measure("prediction", || {
+            self.predicted_acceleration(p);
+            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
+                p.v[a] += dt * p.acceleration[a];
+                p.x[a] += dt * p.v[a];
+            }
+        });
+
+        // (11) density at the predicted positions
+        self.search(p, domain, phases)?;
+        phases.measure("density", || self.density_and_surface(p, domain));
+
+        // (31) pressure that brings the density back to rest
+        let report = self.solve_pressure(p, domain, dt, phases)?;
+
+        // (30) correct: v = v* − Δt ∇p/ρ, r = rⁿ + Δt (vⁿ + v)/2
+        phases.measure("correction", || {
+            let mut correction = std::mem::take(&mut p.acceleration);
+            sweep(&mut correction[..owned], |a| self.pressure_acceleration(p, a));
+            p.acceleration = correction;
+            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
+                p.v[a] += dt * p.acceleration[a];
+                p.x[a] = self.x_before[a] + 0.5 * dt * (self.v_before[a] + p.v[a]);
+            }
+            if self.settings.wall_guard == WallGuard::SetBack {
+                self.guard_walls(p);
+            }
+            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
+                p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;
+            }
+        });
+        Ok(StepReport { iterations: Some(report.iterations), residual: Some(report.residual) })
+    }
 }

@@ -1,8 +1,19 @@
-//! Weakly compressible SPH as the paper states it.
+//! Weakly compressible SPH as the paper states it: explicit, with an equation of state and forces from walls.
 
 use serde::{Deserialize, Serialize};
 
-use super::Preset;
+use super::{Medium, Preset, Scheme, StepError, StepReport};
+use crate::domain::Domain;
+use crate::kernel::Kernel;
+use crate::math::Vector;
+use crate::neighbors::{Neighbors, Search};
+use crate::particles::{Kind, Particles};
+use crate::physics::continuity;
+use crate::physics::pressure::{GAMMA, speed_of_sound, symmetric, tait};
+use crate::physics::viscosity::{Approach, Tensor, artificial, contract, stress};
+use crate::sweep::{largest, sweep, sweep2};
+use crate::time::{Phases, StepLimit};
+use crate::walls::{WallForces, wall_normals};
 
 /// How the coefficient `B` of the equation of state (25) is read, the paper's (26).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -10,9 +21,9 @@ use super::Preset;
 pub enum EquationOfState {
     /// `B = 200 ρ0 g H/γ` everywhere (Monaghan 1994); the initial density is hydrostatic.
     Constant,
-    /// `B_a = 200 ρ0 g (H − y_a)/γ` with the height each particle starts at.
+    /// `B_a = 200 ρ0 g (H − y_a)/γ` with the height `y_a` each particle starts at; a uniform initial density is hydrostatic.
     InitialHeight,
-    /// `B_a = 200 ρ0 g (H − y_a)/γ` with the height each particle has now.
+    /// `B_a = 200 ρ0 g (H − y_a)/γ` with the height `y_a` each particle has now.
     CurrentHeight,
 }
 
@@ -22,7 +33,7 @@ pub enum EquationOfState {
 pub enum WallForce {
     /// Lennard-Jones (33)-(34), repulsion only (`r < r0`).
     LennardJones,
-    /// Lennard-Jones (33)-(34) with the attraction beyond `r0`.
+    /// Lennard-Jones (33)-(34) with the attraction beyond `r0`, out to the support of the kernel.
     LennardJonesAttractive,
     /// Normal force of Monaghan (2005).
     Monaghan2005,
@@ -43,9 +54,12 @@ pub struct WcsphSettings {
     /// Depth `H` of (26), m; left out: the height of the fluid at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<f64>,
-    /// Linear coefficient of the artificial viscosity (13), dimensionless, >= 0.
+    /// Density at the start; left out: `given` for particles from a file, else `hydrostatic`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub initial_density: Option<InitialDensity>,
+    /// Linear coefficient `α` of the artificial viscosity (13), dimensionless, >= 0.
     pub alpha: f64,
-    /// Quadratic coefficient of the artificial viscosity (13), dimensionless, >= 0.
+    /// Quadratic coefficient `β` of the artificial viscosity (13), dimensionless, >= 0.
     pub beta: f64,
     /// `η` of (14), dimensionless, > 0.
     pub eta: f64,
@@ -59,4 +73,274 @@ pub struct WcsphSettings {
     /// Range `r0` of (34), m; left out: the particle spacing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wall_range: Option<f64>,
+    /// How pairs are found.
+    pub search: Search,
+}
+
+/// Density at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum InitialDensity {
+    /// As the case or the particle file says.
+    Given,
+    /// From the equation of state under the weight of the fluid above, `p = ρ0 g (H − y)`.
+    Hydrostatic,
+}
+
+impl WcsphSettings {
+    /// The defaults of `preset`.
+    ///
+    /// `paper`: `α = β = 1`, `B` with `H − y`. `water`: `α = 0.02`, `β = 0` (Monaghan 1994 used 0.01), constant `B`.
+    pub fn preset(preset: Preset) -> Self {
+        let printed = Self {
+            preset,
+            equation_of_state: EquationOfState::InitialHeight,
+            stiffness: 200.0,
+            stiffness_floor: 0.1,
+            depth: None,
+            initial_density: None,
+            alpha: 1.0,
+            beta: 1.0,
+            eta: 0.1,
+            wall_force: WallForce::LennardJones,
+            wall_exponents: [12, 6],
+            wall_strength: None,
+            wall_range: None,
+            search: Search::Grid,
+        };
+        match preset {
+            Preset::Paper => printed,
+            Preset::Water => Self { equation_of_state: EquationOfState::Constant, alpha: 0.02, beta: 0.0, ..printed },
+        }
+    }
+}
+
+/// The explicit method of the paper: equations (13)-(15), (20)-(28) and (32), walls by (33)-(34).
+///
+/// Sources: Afanasiev, Makarchuk & Popov, NNFM 101 (2008) 206; Monaghan, J. Comput. Phys. 110 (1994) 399 (equation of state,
+/// walls); Liu & Liu, Smoothed Particle Hydrodynamics (2003) (stress, time stepping).
+pub struct Wcsph<K, const D: usize> {
+    kernel: K,
+    medium: Medium<D>,
+    settings: WcsphSettings,
+    near: Neighbors<D>,
+    walls: WallForces<D>,
+    /// `B` of each particle, Pa.
+    stiffness: Vec<f64>,
+    /// Speed of sound of each particle, m/s.
+    sound: Vec<f64>,
+    /// `μ T/ρ²` of each particle, the viscous part of (21).
+    stress: Vec<Tensor<D>>,
+    /// Velocity at the half step before, m/s.
+    v_half: Vec<Vector<D>>,
+    /// Density at the half step before, kg/m³.
+    density_half: Vec<f64>,
+    /// The step before, s; none yet at the start.
+    dt_before: Option<f64>,
+}
+
+impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
+    /// The method for a fluid, with a kernel and checked parameters.
+    pub fn new(kernel: K, medium: Medium<D>, settings: WcsphSettings) -> Self {
+        let depth = settings.depth.unwrap_or(medium.depth);
+        let strength = settings.wall_strength.unwrap_or(5.0 * medium.g() * depth);
+        let range = settings.wall_range.unwrap_or(medium.spacing);
+        let lennard_jones = |cutoff| WallForces::LennardJones { strength, range, exponents: settings.wall_exponents, cutoff };
+        let walls = match settings.wall_force {
+            WallForce::LennardJones => lennard_jones(range),
+            WallForce::LennardJonesAttractive => lennard_jones(f64::INFINITY),
+            WallForce::Monaghan2005 => WallForces::Normal {
+                sound: (settings.stiffness * medium.g() * depth).sqrt(),
+                spacing: medium.spacing,
+                normals: Vec::new(),
+            },
+        };
+        Self {
+            kernel,
+            medium: Medium { depth, ..medium },
+            settings,
+            near: Neighbors::new(),
+            walls,
+            stiffness: Vec::new(),
+            sound: Vec::new(),
+            stress: Vec::new(),
+            v_half: Vec::new(),
+            density_half: Vec::new(),
+            dt_before: None,
+        }
+    }
+
+    /// `B` of a particle at `x`, Pa, equation (26) in the chosen reading.
+    fn stiffness_at(&self, x: Vector<D>) -> f64 {
+        let whole = self.settings.stiffness * self.medium.rest_density * self.medium.g() / f64::from(GAMMA);
+        match self.settings.equation_of_state {
+            EquationOfState::Constant => whole * self.medium.depth,
+            EquationOfState::InitialHeight | EquationOfState::CurrentHeight => {
+                let share = 1.0 - self.medium.height(x) / self.medium.depth;
+                whole * self.medium.depth * share.max(self.settings.stiffness_floor)
+            }
+        }
+    }
+
+    /// Density under the weight of the fluid above, kg/m³: (25) solved for `p = ρ0 g (H − y)`.
+    fn hydrostatic_density(&self, x: Vector<D>, stiffness: f64) -> f64 {
+        let weight = self.medium.rest_density * self.medium.g() * (self.medium.depth - self.medium.height(x)).max(0.0);
+        self.medium.rest_density * (1.0 + weight / stiffness).powf(1.0 / f64::from(GAMMA))
+    }
+
+    /// Pairs, pressures, stresses, forces: everything that follows from positions, velocities and densities.
+    fn evaluate(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
+        phases.measure("search", || {
+            domain.refresh(p, K::RADIUS * p.h_max());
+            self.near.build(p, K::RADIUS, self.settings.search)
+        })?;
+        phases.measure("pressure", || self.equation_of_state(p, domain));
+        phases.measure("stress", || self.viscous_stress(p, domain));
+        phases.measure("forces", || self.forces(p));
+        Ok(())
+    }
+
+    /// (25), (26): pressure and speed of sound of the fluid, ghosts included.
+    fn equation_of_state(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        if self.settings.equation_of_state == EquationOfState::CurrentHeight {
+            for a in 0..p.owned() {
+                self.stiffness[a] = self.stiffness_at(p.x[a]);
+            }
+        }
+        let (rest, stiffness) = (self.medium.rest_density, &self.stiffness);
+        self.sound.resize(p.len(), 0.0);
+        let owned = p.owned();
+        let (kind, density) = (&p.kind, &p.density);
+        sweep2(&mut p.pressure[..owned], &mut self.sound[..owned], |a| match kind[a] {
+            Kind::Fluid => (tait(stiffness[a], density[a], rest), speed_of_sound(stiffness[a], density[a], rest)),
+            Kind::Wall | Kind::Lost => (0.0, 0.0),
+        });
+        domain.refresh_column(&mut p.pressure);
+        domain.refresh_column(&mut self.sound);
+    }
+
+    /// (23), (24): `μ T_a/ρ_a²` with the velocity gradient `Σ_b (m_b/ρ_b) (v_b − v_a) ⊗ ∇_a W_ab` over fluid.
+    fn viscous_stress(&mut self, p: &Particles<D>, domain: &Domain<D>) {
+        self.stress.resize(p.len(), [Vector::ZERO; D]);
+        let (mu, near, kernel) = (self.medium.viscosity, &self.near, self.kernel);
+        if mu == 0.0 {
+            return;
+        }
+        sweep(&mut self.stress[..p.owned()], |a| {
+            let mut gradient = [Vector::ZERO; D];
+            if p.is_fluid(a) {
+                near.for_each(a, |pair| {
+                    if p.is_fluid(pair.b) {
+                        let grad_w = kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                        let jump = p.volume(pair.b) * (p.v[pair.b] - p.v[a]);
+                        for (row, change) in gradient.iter_mut().zip(jump.0) {
+                            *row += change * grad_w;
+                        }
+                    }
+                });
+            }
+            let factor = mu / (p.density[a] * p.density[a]);
+            stress(&gradient).map(|row| factor * row)
+        });
+        domain.refresh_column(&mut self.stress);
+    }
+
+    /// (21) and (22): acceleration and rate of density of the fluid. Walls act by their force alone.
+    fn forces(&mut self, p: &mut Particles<D>) {
+        let (near, kernel, settings, walls) = (&self.near, self.kernel, &self.settings, &self.walls);
+        let (sound, stress, gravity) = (&self.sound, &self.stress, self.medium.gravity);
+        let owned = p.owned();
+        let mut acceleration = std::mem::take(&mut p.acceleration);
+        let mut density_rate = std::mem::take(&mut p.density_rate);
+        sweep2(&mut acceleration[..owned], &mut density_rate[..owned], |a| {
+            if !p.is_fluid(a) {
+                return (Vector::ZERO, 0.0);
+            }
+            let (mut force, mut rate) = (gravity, 0.0);
+            near.for_each(a, |pair| {
+                let b = pair.b;
+                if !p.is_fluid(b) {
+                    force += walls.on(p, a, pair);
+                    return;
+                }
+                let grad_w = kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                let v_ab = p.v[a] - p.v[b];
+                let dissipation = artificial(
+                    Approach {
+                        v_ab,
+                        x_ab: pair.x_ab,
+                        r: pair.r,
+                        h: pair.h,
+                        sound: 0.5 * (sound[a] + sound[b]),
+                        density: 0.5 * (p.density[a] + p.density[b]),
+                    },
+                    settings.alpha,
+                    settings.beta,
+                    settings.eta,
+                );
+                let pressure = symmetric(p.pressure[a], p.density[a], p.pressure[b], p.density[b]);
+                force -= p.mass[b] * (pressure + dissipation) * grad_w;
+                force += p.mass[b] * (contract(&stress[a], grad_w) + contract(&stress[b], grad_w));
+                rate += continuity(p.mass[b], v_ab, grad_w);
+            });
+            (force, rate)
+        });
+        p.acceleration = acceleration;
+        p.density_rate = density_rate;
+    }
+}
+
+impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
+    fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
+        self.stiffness = p.x[..p.owned()].iter().map(|&x| self.stiffness_at(x)).collect();
+        if self.settings.initial_density != Some(InitialDensity::Given) {
+            for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
+                p.density[a] = self.hydrostatic_density(p.x[a], self.stiffness[a]);
+            }
+        }
+        if let WallForces::Normal { normals, .. } = &mut self.walls {
+            domain.refresh(p, K::RADIUS * p.h_max());
+            self.near.build(p, K::RADIUS, self.settings.search)?;
+            *normals = wall_normals(self.kernel, &self.near, p);
+            domain.refresh_column(normals);
+        }
+        self.dt_before = None;
+        self.evaluate(p, domain, &mut Phases::default())
+    }
+
+    /// (32): `C min(h)/max(c + |v|)`.
+    fn time_step(&self, p: &Particles<D>) -> StepLimit {
+        let fastest = largest(p.owned(), |a| self.sound[a] + p.v[a].norm());
+        StepLimit::new(self.medium.courant * p.h_min() / fastest, "sound")
+    }
+
+    fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
+        let owned = p.owned();
+        phases.measure("motion", || {
+            // (28) kick: half-step values forward by the mean of this step and the one before; half a step at the start
+            let kick = match self.dt_before {
+                Some(before) => 0.5 * (dt + before),
+                None => {
+                    self.v_half.clone_from(&p.v);
+                    self.density_half.clone_from(&p.density);
+                    0.5 * dt
+                }
+            };
+            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
+                self.v_half[a] += kick * p.acceleration[a];
+                self.density_half[a] += kick * p.density_rate[a];
+
+                // (28) drift: x^{n+1} = x^n + Δt v^{n+1/2}
+                p.x[a] += dt * self.v_half[a];
+
+                // (27) predict the whole step from the half step, with the rates of the old positions
+                p.v[a] = self.v_half[a] + 0.5 * dt * p.acceleration[a];
+                p.density[a] = self.density_half[a] + 0.5 * dt * p.density_rate[a];
+            }
+            self.dt_before = Some(dt);
+        });
+        // (21)-(26) at the new positions
+        self.evaluate(p, domain, phases)?;
+        Ok(StepReport::default())
+    }
 }

@@ -1,0 +1,233 @@
+//! Step, observe, stop: the driver of a run.
+
+use std::io;
+use std::time::Instant;
+
+use thiserror::Error;
+
+use crate::domain::Domain;
+use crate::math::Vector;
+use crate::observe::{Observer, View};
+use crate::particles::{Kind, Particles};
+use crate::scheme::{Medium, Scheme, StepError, StepReport};
+use crate::sweep::largest;
+use crate::time::{Phases, StepLimit};
+
+/// Why a run ended early.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RunError {
+    /// A step failed: the method is unstable here, or its pressure equation could not be solved.
+    #[error("{source} at t = {time:.6} s (step {step})")]
+    Step {
+        /// What failed.
+        source: StepError,
+        /// Time at the start of the step, s.
+        time: f64,
+        /// Number of the step, counted from 1.
+        step: u64,
+    },
+    /// A file of the run could not be written.
+    #[error("cannot write the run: {0}")]
+    Output(#[from] io::Error),
+}
+
+/// When a run stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stop {
+    /// Time to reach, s; the last step may pass it, steps are never cut short.
+    pub end: f64,
+    /// Largest number of steps; `None`: as many as it takes.
+    pub steps: Option<u64>,
+}
+
+/// A flow under way: particles, the box they live in, the method that moves them, and the clock.
+pub struct Simulation<const D: usize> {
+    particles: Particles<D>,
+    domain: Domain<D>,
+    scheme: Box<dyn Scheme<D>>,
+    fixed_step: Option<f64>,
+    speed_limit: f64,
+    step: u64,
+    time: f64,
+    phases: Phases,
+    /// Copy of the last good state, given back when a step fails.
+    last_good: Particles<D>,
+}
+
+impl<const D: usize> Simulation<D> {
+    /// Puts a run together. `fixed_step` (s) replaces the stability limit of the method.
+    pub fn new(
+        particles: Particles<D>,
+        domain: Domain<D>,
+        scheme: Box<dyn Scheme<D>>,
+        medium: &Medium<D>,
+        fixed_step: Option<f64>,
+    ) -> Self {
+        let initial_speed = particles.v.iter().map(|v| v.norm()).fold(0.0, f64::max);
+        let fall = (2.0 * medium.g() * (domain.max - domain.min).norm().max(medium.depth)).sqrt();
+        Self {
+            last_good: Particles::new(),
+            particles,
+            domain,
+            scheme,
+            fixed_step,
+            // Ten times what falling through the whole domain gives: jets reach two or three times that, no more.
+            speed_limit: if fall + initial_speed > 0.0 { 10.0 * (fall + initial_speed) } else { f64::INFINITY },
+            step: 0,
+            time: 0.0,
+            phases: Phases::default(),
+        }
+    }
+
+    /// The particles now.
+    pub fn particles(&self) -> &Particles<D> {
+        &self.particles
+    }
+
+    /// Time of the flow, s.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Steps made so far.
+    pub fn steps(&self) -> u64 {
+        self.step
+    }
+
+    /// Where the seconds went.
+    pub fn phases(&self) -> &Phases {
+        &self.phases
+    }
+
+    /// Fills what the method derives from the initial state. Call once, before the first step.
+    ///
+    /// # Errors
+    /// The initial state cannot be evaluated.
+    pub fn start(&mut self) -> Result<(), RunError> {
+        self.scheme.start(&mut self.particles, &mut self.domain).map_err(|source| RunError::Step { source, time: 0.0, step: 0 })?;
+        self.check().map_err(|source| RunError::Step { source, time: 0.0, step: 0 })
+    }
+
+    /// Makes one step.
+    ///
+    /// # Errors
+    /// The step failed; particles are then those before it.
+    pub fn advance(&mut self) -> Result<(StepLimit, StepReport), RunError> {
+        self.last_good.clone_from(&self.particles);
+        let limit = match self.fixed_step {
+            Some(dt) => StepLimit::new(dt, "fixed"),
+            None => self.scheme.time_step(&self.particles),
+        };
+        let outcome = self.scheme.step(&mut self.particles, &mut self.domain, limit.dt, &mut self.phases);
+        match outcome.and_then(|report| self.check().map(|()| report)) {
+            Ok(report) => {
+                self.step += 1;
+                self.time += limit.dt;
+                Ok((limit, report))
+            }
+            Err(source) => {
+                std::mem::swap(&mut self.particles, &mut self.last_good);
+                Err(RunError::Step { source, time: self.time, step: self.step + 1 })
+            }
+        }
+    }
+
+    /// Starts, steps until `stop` says so, and shows every state to the observers.
+    ///
+    /// # Errors
+    /// A step failed, or an observer could not write. The observers have then finished with the last good state.
+    pub fn run(&mut self, stop: Stop, observers: &mut [Box<dyn Observer<D> + '_>]) -> Result<(), RunError> {
+        let clock = Instant::now();
+        self.start()?;
+        let mut last = (None, StepReport::default());
+        self.show(observers, last, clock)?;
+        let mut outcome = Ok(());
+        while self.time < stop.end && stop.steps.is_none_or(|most| self.step < most) {
+            match self.advance() {
+                Ok((limit, report)) => {
+                    last = (Some(limit), report);
+                    self.show(observers, last, clock)?;
+                }
+                Err(error) => {
+                    outcome = Err(error);
+                    break;
+                }
+            }
+        }
+        let view = self.view(last, clock);
+        for observer in observers {
+            observer.finish(&view)?;
+        }
+        outcome
+    }
+
+    fn show(
+        &self,
+        observers: &mut [Box<dyn Observer<D> + '_>],
+        last: (Option<StepLimit>, StepReport),
+        clock: Instant,
+    ) -> Result<(), RunError> {
+        let view = self.view(last, clock);
+        for observer in observers {
+            observer.observe(&view)?;
+        }
+        Ok(())
+    }
+
+    fn view(&self, (limit, report): (Option<StepLimit>, StepReport), clock: Instant) -> View<'_, D> {
+        View {
+            particles: &self.particles,
+            step: self.step,
+            time: self.time,
+            limit,
+            report,
+            phases: &self.phases,
+            elapsed: clock.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// Every field finite and no particle faster than the case can make it.
+    fn check(&self) -> Result<(), StepError> {
+        let p = &self.particles;
+        let worst = largest(p.owned(), |a| {
+            let sum = p.x[a].norm_squared() + p.v[a].norm_squared() + p.density[a].abs() + p.pressure[a].abs();
+            if sum.is_finite() { p.v[a].norm_squared() } else { f64::NAN }
+        });
+        if worst <= self.speed_limit * self.speed_limit || p.owned() == 0 {
+            return Ok(());
+        }
+        for a in (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost) {
+            let particle = p.id[a];
+            let fields: [(&'static str, bool); 4] = [
+                ("position", p.x[a].is_finite()),
+                ("velocity", p.v[a].is_finite()),
+                ("density", p.density[a].is_finite()),
+                ("pressure", p.pressure[a].is_finite()),
+            ];
+            if let Some((field, _)) = fields.into_iter().find(|(_, finite)| !finite) {
+                return Err(StepError::NotFinite { field, particle });
+            }
+            let speed = p.v[a].norm();
+            if speed > self.speed_limit {
+                return Err(StepError::Runaway { particle, speed, limit: self.speed_limit });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A set of particles from an initial state, under the names `0, 1, 2, ...` or those given.
+pub fn particles_of<const D: usize>(initial: &[(u32, crate::particles::Particle<D>)]) -> Particles<D> {
+    let mut p = Particles::new();
+    for &(id, particle) in initial {
+        p.push(id, particle);
+    }
+    p
+}
+
+/// Lowest and highest corner of the particles, m; `None` for an empty set.
+pub fn extent<const D: usize>(p: &Particles<D>) -> Option<(Vector<D>, Vector<D>)> {
+    let first = *p.x.first()?;
+    Some(p.x.iter().fold((first, first), |(low, high), &x| (low.zip(x, f64::min), high.zip(x, f64::max))))
+}
