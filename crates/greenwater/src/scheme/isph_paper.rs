@@ -111,7 +111,7 @@ impl IsphPaperSettings {
         match preset {
             Preset::Paper => printed,
             Preset::Water => {
-                Self { density_source: DensitySource::Front, wall_guard: WallGuard::SetBack, alpha: 0.02, ..printed }
+                Self { density_source: DensitySource::Front, wall_guard: WallGuard::SetBack, alpha: 0.05, ..printed }
             }
         }
     }

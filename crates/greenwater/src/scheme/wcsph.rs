@@ -90,7 +90,7 @@ pub enum InitialDensity {
 impl WcsphSettings {
     /// The defaults of `preset`.
     ///
-    /// `paper`: `α = β = 1`, `B` with `H − y`. `water`: `α = 0.02`, `β = 0` (Monaghan 1994 used 0.01), constant `B`.
+    /// `paper`: `α = β = 1`, `B` with `H − y`. `water`: `α = 0.05`, `β = 0` (Monaghan 1994 used 0.01; codes of today 0.01 to 0.05), constant `B`.
     pub fn preset(preset: Preset) -> Self {
         let printed = Self {
             preset,
@@ -110,7 +110,7 @@ impl WcsphSettings {
         };
         match preset {
             Preset::Paper => printed,
-            Preset::Water => Self { equation_of_state: EquationOfState::Constant, alpha: 0.02, beta: 0.0, ..printed },
+            Preset::Water => Self { equation_of_state: EquationOfState::Constant, alpha: 0.05, beta: 0.0, ..printed },
         }
     }
 }
