@@ -105,6 +105,11 @@ impl<const D: usize> Medium<D> {
         if g == 0.0 { 0.0 } else { -x.dot(self.gravity) / g - self.floor }
     }
 
+    /// Volume a particle stands for at the start, m³ (m² in 2D).
+    pub fn spacing_volume(&self) -> f64 {
+        (0..D).fold(1.0, |volume, _| volume * self.spacing)
+    }
+
     /// Magnitude of gravity, m/s².
     pub fn g(&self) -> f64 {
         self.gravity.norm()
