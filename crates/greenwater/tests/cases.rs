@@ -349,6 +349,28 @@ fn bad_values_are_named_with_line_value_and_rule() {
 }
 
 #[test]
+fn parameters_of_methods_are_checked() {
+    let isph = |keys: &str| parse(&format!("{GOOD}\n[method]\nname = \"isph-paper\"\n{keys}\n"));
+    for (keys, expected) in [
+        ("eta = 0", "dam.toml:22: `method.eta` is 0, but must be > 0"),
+        ("surface_threshold = 1.0", "`method.surface_threshold` is 1, but must be > 0 and < 1"),
+        ("solver = { tolerance = 2.0 }", "dam.toml:22: `method.solver.tolerance` is 2, but must be"),
+        ("solver = { tol = 2.0 }", "dam.toml:22: unknown key `method.solver.tol`, did you mean `tolerance`?"),
+        ("solver = { method = \"lu\" }", "`method.solver.method` is \"lu\", which is unknown"),
+    ] {
+        let message = isph(keys).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+    let gauss = isph("solver = { method = \"gauss\" }").unwrap();
+    assert!(matches!(gauss.method(), MethodSettings::IsphPaper(s) if s.solver.tolerance == 1e-6), "the other keys of the table stay");
+    // The dense matrix of Gauss counts: 4409 particles take 8 * 4409^2 bytes.
+    let dense = load("dam-break-40", &[("method.name", "isph-paper"), ("method.solver.method", "gauss")]).unwrap().checked().unwrap();
+    assert!(dense.estimate().memory_bytes > 8.0 * 4409.0 * 4409.0);
+    let (message, _) = broken("[time]", "[method]\nwall_exponents = [6, 12]\n[time]");
+    assert!(message.contains("`method.wall_exponents` is [6, 12], but must be two whole numbers >= 1, the larger first"), "{message}");
+}
+
+#[test]
 fn references_are_checked_with_their_curve() {
     let curve = "[[compare.reference]]\nname = \"a\"\nquantity = \"front\"\nsource = \"s\"\ntime_scale = 1.0\nvalue_scale = 1.0\ntime_label = \"t\"\nvalue_label = \"x\"\npoints = [[0.0, 1.0], [1.0, 2.0]]\n";
     assert!(parse(&format!("{GOOD}{curve}")).is_ok());

@@ -7,10 +7,9 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::method;
-use super::sections::{Method, Sections};
+use super::sections::Sections;
 use super::shape::Shape;
-use super::source::Source;
-use crate::scheme::{MethodName, Preset};
+use crate::scheme::{MethodName, MethodSettings, Preset};
 
 /// A key of the case format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -35,7 +34,7 @@ pub fn reference() -> &'static [KeyRow] {
         let mut rows = Vec::new();
         section_rows(&schema(), "", &mut rows);
         shape_rows(&mut rows);
-        for name in [MethodName::Wcsph, MethodName::IsphPaper] {
+        for name in MethodName::ALL {
             method_rows(name, &mut rows);
         }
         rows
@@ -105,11 +104,8 @@ fn shape_rows(rows: &mut Vec<KeyRow>) {
 
 /// The keys of a method with the values of its preset `water`.
 fn method_rows(name: MethodName, rows: &mut Vec<KeyRow>) {
-    let section = Method { name, preset: Preset::Water, keys: toml::Table::new() };
-    let source = Source { file: String::new(), text: String::new(), folder: None, overrides: Vec::new() };
-    let Ok(settings) = method::settings(&section, &source) else { return };
-    let table = method::table(&settings);
-    let title = table.get("name").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
+    let table = method::table(&MethodSettings::preset(name, Preset::Water));
+    let title = name.name();
     for (key, value) in table.iter().filter(|(key, _)| !["name", "preset"].contains(&key.as_str())) {
         rows.push(KeyRow {
             key: format!("method({title}).{key}"),

@@ -10,10 +10,12 @@ use super::particle_file;
 use super::sections::{InitialPressure, Precision, Reference, Sections, Time};
 use super::shape::{AXES, Lattice, Region, Shape, is_whole, too_close, vector};
 use super::source::{Source, inside};
+use crate::domain::Domain;
 use crate::kernel::KernelName;
 use crate::math::Vector;
 use crate::particles::{Kind, Particle, Particles, field_table};
-use crate::scheme::{MethodName, MethodSettings, Preset};
+use crate::scheme::wcsph::InitialDensity;
+use crate::scheme::{Medium, MethodName, MethodSettings, Preset};
 
 /// A checked case in `D` dimensions: what runs. SI units; in 2D everything is per metre of depth.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +34,8 @@ pub struct Setup<const D: usize> {
     pub gravity: Vector<D>,
     /// Height of the fluid at the start, against gravity (along the last axis without gravity), m.
     pub depth: f64,
+    /// Lowest point of the fluid at the start along the direction against gravity, m.
+    pub floor: f64,
     /// Length of the fluid at the start along x, m.
     pub width: f64,
     /// Volume of the fluid at the start, m³ (m² in 2D).
@@ -119,7 +123,8 @@ pub struct Estimate {
     pub walls: usize,
     /// Neighbours of a particle inside the fluid: particles within the kernel's support on a lattice.
     pub neighbours: f64,
-    /// Memory, bytes: a particle takes 600 for its columns and workspaces, and 5 more a neighbour for the pair list.
+    /// Memory, bytes: a particle takes 600 for its columns and workspaces, and 5 more a neighbour for the pair list; a pressure
+    /// equation takes 16 more a neighbour, and the dense matrix of Gauss or the vectors of GMRES.
     pub memory_bytes: f64,
     /// Time step, s: `courant · h/(c + v)` with `v = 2 √(gH)`, or the largest initial speed if that is more, and the sound
     /// speed `c` of the method (0 for an incompressible one), or the fixed step. None for a fluid at rest without gravity.
@@ -170,7 +175,12 @@ impl<const D: usize> Setup<D> {
         let shapes_or_file = fluid.is_empty() == s.fluid.from_file.is_some();
         source.rule(shapes_or_file, "fluid.shapes", format!("a list of {}", fluid.len()), "given, or `fluid.from_file`, and not both")?;
 
-        let limits = Limits::of(s, source, neighbours::<D>(s.kernel.name.radius() * ratio))?;
+        let mut method = method::settings(&s.method, source)?;
+        if let MethodSettings::Wcsph(settings) = &mut method {
+            let from_file = s.fluid.from_file.is_some();
+            settings.initial_density.get_or_insert(if from_file { InitialDensity::Given } else { InitialDensity::Hydrostatic });
+        }
+        let limits = Limits::of(s, &method, source, neighbours::<D>(s.kernel.name.radius() * ratio))?;
         let predicted = fluid.iter().chain(&walls).map(|(_, region)| region.predicted(dx, s.walls.layers)).sum();
         limits.check(predicted, source)?;
         check_sides(fluid.iter().chain(&walls), dx, source)?;
@@ -201,7 +211,8 @@ impl<const D: usize> Setup<D> {
         let g = gravity.norm();
         let up = if g > 0.0 { -gravity / g } else { Vector::unit(D - 1) };
         let top = highest(fluid_box, up);
-        let depth = top + highest(fluid_box, -up);
+        let floor = -highest(fluid_box, -up);
+        let depth = top - floor;
         if s.fluid.initial_pressure == InitialPressure::Hydrostatic {
             for row in bodies.rows.iter_mut().filter(|row| row.table_id.is_none() && row.particle.kind == Kind::Fluid) {
                 row.particle.pressure = density * g * (top - row.particle.x.dot(up));
@@ -215,7 +226,6 @@ impl<const D: usize> Setup<D> {
         let probes = probes(s, &bounds, source)?;
         let compare = compare_plan(s, source)?;
         let output = output_plan(s, &compare, source)?;
-        let method = method::settings(&s.method, source)?;
 
         let time_step = s.time.step.or_else(|| {
             let speed = (2.0 * (g * depth).sqrt()).max(fastest) + sound_speed(&method, g, depth);
@@ -255,6 +265,7 @@ impl<const D: usize> Setup<D> {
             viscosity: sections.fluid.viscosity,
             gravity,
             depth,
+            floor,
             width: fluid_box.1[0] - fluid_box.0[0],
             fluid_volume,
             particles,
@@ -272,6 +283,24 @@ impl<const D: usize> Setup<D> {
             written: source.text.clone(),
             resolved,
         })
+    }
+
+    /// The fluid and the forces on it, as methods take them.
+    pub fn medium(&self) -> Medium<D> {
+        Medium {
+            rest_density: self.rest_density,
+            viscosity: self.viscosity,
+            gravity: self.gravity,
+            spacing: self.spacing,
+            depth: self.depth,
+            floor: self.floor,
+            courant: self.time.courant,
+        }
+    }
+
+    /// The region that counts, as the neighbour search takes it.
+    pub fn domain(&self) -> Domain<D> {
+        Domain::new(self.bounds.min, self.bounds.max, self.bounds.periodic)
     }
 }
 
@@ -397,24 +426,26 @@ fn neighbours<const D: usize>(reach: f64) -> f64 {
 }
 
 /// What the case may use, and what a particle takes.
-struct Limits {
+struct Limits<'a> {
+    method: &'a MethodSettings,
     particles: u64,
     memory_gib: f64,
     neighbours: f64,
 }
 
-impl Limits {
-    fn of(s: &Sections, source: &Source, neighbours: f64) -> Result<Self, CaseError> {
+impl<'a> Limits<'a> {
+    fn of(s: &Sections, method: &'a MethodSettings, source: &Source, neighbours: f64) -> Result<Self, CaseError> {
         let particles = s.limits.particles;
         source.rule((1..=4_000_000_000).contains(&particles), "limits.particles", particles, "1 to 4000000000")?;
         let memory_gib = s.limits.memory_gib.unwrap_or_else(|| (0.75 * machine_memory() / GIB * 1e3).round() / 1e3);
         source.rule(memory_gib > 0.0, "limits.memory_gib", memory_gib, "> 0")?;
-        Ok(Self { particles, memory_gib, neighbours })
+        Ok(Self { method, particles, memory_gib, neighbours })
     }
 
     /// Bytes for `count` particles.
     fn memory_of(&self, count: f64) -> f64 {
-        count * (BYTES_PER_PARTICLE + BYTES_PER_NEIGHBOUR * self.neighbours)
+        let solver = method::solver_memory(self.method, count, self.neighbours);
+        count * (BYTES_PER_PARTICLE + BYTES_PER_NEIGHBOUR * self.neighbours) + solver
     }
 
     fn particles_that_fit(&self) -> u64 {
