@@ -1,5 +1,6 @@
 //! Violent free-surface flow by particle methods.
 
+pub mod case;
 pub mod domain;
 pub mod kernel;
 pub mod math;

@@ -1,0 +1,190 @@
+//! The reference of the case format, made from the doc comments of [`super::Sections`].
+
+use std::sync::LazyLock;
+
+use schemars::generate::SchemaSettings;
+use serde::Serialize;
+use serde_json::Value;
+
+use super::method;
+use super::sections::Sections;
+use super::shape::Shape;
+use crate::scheme::{MethodName, MethodSettings, Preset};
+
+/// A key of the case format.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct KeyRow {
+    /// Where it stands: `section.key`, `[]` for each item of a list.
+    pub key: String,
+    /// Number, whole number, text, list, ...
+    pub kind: String,
+    /// SI unit; empty for pure numbers and text.
+    pub unit: String,
+    /// What it is where left out, as TOML; empty if it is required or computed (the text says how).
+    pub default: String,
+    /// What is allowed; empty if every value of its type is.
+    pub rule: String,
+    /// What it says.
+    pub text: String,
+}
+
+/// Every key a case may have, in the order of [`Sections`], then the shapes (`shape.box.min`) and the methods (`method(wcsph).alpha`).
+pub fn reference() -> &'static [KeyRow] {
+    static ROWS: LazyLock<Vec<KeyRow>> = LazyLock::new(|| {
+        let mut rows = Vec::new();
+        section_rows(&schema(), "", &mut rows);
+        shape_rows(&mut rows);
+        for name in MethodName::ALL {
+            method_rows(name, &mut rows);
+        }
+        rows
+    });
+    &ROWS
+}
+
+/// The case format as a JSON schema (2020-12), for editors.
+pub fn schema() -> Value {
+    let settings = SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
+    settings.into_generator().into_root_schema_for::<Sections>().to_value()
+}
+
+/// What the key at `path` says; empty for an unknown key.
+pub(super) fn meaning(path: &str) -> String {
+    let mut plain = String::new();
+    let mut inside = false;
+    for c in path.chars() {
+        inside = (inside || c == '[') && c != ']';
+        if !inside || c == '[' {
+            plain.push(c);
+        }
+    }
+    // `walls.shapes[].box.min` is listed as `shape.box.min`.
+    if let Some(at) = plain.find(".shapes[].") {
+        plain = format!("shape.{}", &plain[at + ".shapes[].".len()..]);
+    }
+    let row = reference().iter().find(|row| row.key == plain);
+    row.map(|row| if row.unit.is_empty() { row.text.clone() } else { format!("{} ({})", row.text, row.unit) }).unwrap_or_default()
+}
+
+fn section_rows(schema: &Value, prefix: &str, rows: &mut Vec<KeyRow>) {
+    let Some(properties) = schema["properties"].as_object() else { return };
+    for (name, property) in properties {
+        let key = format!("{prefix}{name}");
+        let items = &property["items"];
+        let is_shape = items["$ref"].is_string() || items["oneOf"].is_array();
+        if property["properties"].is_object() {
+            section_rows(property, &format!("{key}."), rows);
+        } else if items["properties"].is_object() {
+            section_rows(items, &format!("{key}[]."), rows);
+        } else {
+            let kind = if is_shape { "list of shapes".to_owned() } else { kind_of(property) };
+            rows.push(row(key, kind, property));
+        }
+    }
+}
+
+/// Shapes occur in several places and inside each other, so they are listed once, as `shape.NAME.key`.
+fn shape_rows(rows: &mut Vec<KeyRow>) {
+    let schema = schemars::schema_for!(Shape).to_value();
+    for variant in schema["oneOf"].as_array().into_iter().flatten() {
+        for (name, body) in variant["properties"].as_object().into_iter().flatten() {
+            rows.push(KeyRow { kind: "shape".into(), ..row(format!("shape.{name}"), String::new(), variant) });
+            for (key, property) in body["properties"].as_object().into_iter().flatten() {
+                let key = format!("shape.{name}.{key}");
+                let kind = match (&property["$ref"], &property["items"]["$ref"]) {
+                    (Value::String(_), _) => "shape".to_owned(),
+                    (_, Value::String(_)) => "list of shapes".to_owned(),
+                    _ => kind_of(property),
+                };
+                rows.push(row(key, kind, property));
+            }
+        }
+    }
+}
+
+/// The keys of a method with the values of its preset `water`.
+fn method_rows(name: MethodName, rows: &mut Vec<KeyRow>) {
+    let table = method::table(&MethodSettings::preset(name, Preset::Water));
+    let title = name.name();
+    for (key, value) in table.iter().filter(|(key, _)| !["name", "preset"].contains(&key.as_str())) {
+        rows.push(KeyRow {
+            key: format!("method({title}).{key}"),
+            kind: value.type_str().to_owned(),
+            unit: String::new(),
+            default: value.to_string(),
+            rule: String::new(),
+            text: format!("Parameter of the method {title}; the default is that of the preset water."),
+        });
+    }
+}
+
+fn row(key: String, kind: String, property: &Value) -> KeyRow {
+    let text = |name: &str| property[name].as_str().unwrap_or_default().replace('\n', " ");
+    let choices: Vec<&str> = property["oneOf"].as_array().into_iter().flatten().filter_map(|choice| choice["const"].as_str()).collect();
+    let rule = if choices.is_empty() { text("rule") } else { format!("one of {}", choices.join(", ")) };
+    let default = match &property["default"] {
+        Value::Null => String::new(),
+        value => value.to_string(),
+    };
+    KeyRow { key, kind, unit: text("unit"), default, rule, text: text("description") }
+}
+
+fn kind_of(property: &Value) -> String {
+    let name = |kind: &str| {
+        match kind {
+            "integer" => "whole number",
+            "string" => "text",
+            "array" => "list",
+            "object" => "table",
+            other => return other.to_owned(),
+        }
+        .to_owned()
+    };
+    match &property["type"] {
+        Value::String(kind) if kind == "array" => match &property["items"]["type"] {
+            Value::String(inner) => format!("list of {}s", name(inner).replace("text", "name")),
+            _ => "list".to_owned(),
+        },
+        Value::String(kind) => name(kind),
+        Value::Array(kinds) => {
+            let kind = kinds.iter().filter_map(Value::as_str).find(|kind| *kind != "null").unwrap_or_default();
+            if kind == "array" { kind_of(&serde_json::json!({ "type": "array", "items": property["items"] })) } else { name(kind) }
+        }
+        _ if property["oneOf"].is_array() => "text".to_owned(),
+        _ => "table".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_says_what_it_is() {
+        for row in reference() {
+            assert!(!row.text.is_empty() && !row.kind.is_empty(), "{row:?}");
+        }
+    }
+
+    #[test]
+    fn the_reference_carries_unit_rule_and_default() {
+        let find = |key: &str| reference().iter().find(|row| row.key == key);
+        let spacing = find("fluid.spacing").map(|row| (row.kind.as_str(), row.unit.as_str(), row.rule.as_str(), row.default.as_str()));
+        assert_eq!(spacing, Some(("number", "m", "> 0", "")));
+        assert_eq!(find("kernel.h_over_spacing").map(|row| row.default.as_str()), Some("1.2"));
+        assert_eq!(find("fluid.density").map(|row| row.default.as_str()), Some("1000.0"));
+        assert_eq!(find("shape.tank.open").map(|row| row.kind.as_str()), Some("list of names"));
+        assert_eq!(find("domain.min").map(|row| row.kind.as_str()), Some("list of numbers"));
+        assert_eq!(find("output.precision").map(|row| row.rule.as_str()), Some("one of float64, float32"));
+        assert!(find("probe[].position").is_some() && find("method(wcsph).alpha").is_some());
+        assert_eq!(meaning("probe[3].position"), "Where it is, one number an axis. (m)");
+        assert_eq!(meaning("walls.shapes[0].box.min"), "Lower corner. (m)");
+    }
+
+    #[test]
+    fn the_schema_refuses_unknown_keys() {
+        let schema = schema();
+        assert_eq!(schema["properties"]["fluid"]["additionalProperties"], Value::Bool(false));
+        assert_eq!(schema["required"][0], "format");
+    }
+}
