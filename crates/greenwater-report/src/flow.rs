@@ -104,7 +104,7 @@ impl FlowSheet {
         let mut svg = Svg::new(width, 0.0);
         svg.text([16.0, 24.0], Anchor::Start, "ink title", "#1b2733", 15.0, &self.title);
         self.color_bar(&mut svg, 40.0);
-        let mut y = 96.0;
+        let mut y = 108.0;
         if !self.columns.is_empty() {
             for (i, name) in self.columns.iter().enumerate() {
                 let x = margin_left + (panel_width + gap) * i as f64;
@@ -176,11 +176,12 @@ impl FlowSheet {
             let fraction = 0.25 * f64::from(quarter);
             let x = left + long * fraction;
             svg.line([x, top + 12.0], [x, top + 16.0], "soft-line", "#5a6875", 1.0);
-            let label = format!("{fraction} \u{b7} {}", crate::words::number(fraction * scale));
-            svg.text([x, top + 29.0], Anchor::Middle, "soft", "#5a6875", 11.0, &label);
+            svg.text([x, top + 29.0], Anchor::Middle, "ink", "#1b2733", 11.0, &fraction.to_string());
+            let pascal = format!("{} Pa", crate::words::number((fraction * scale).round()));
+            svg.text([x, top + 43.0], Anchor::Middle, "soft", "#5a6875", 11.0, &pascal);
         }
-        let at = [left + long + 40.0, top + 10.0];
-        svg.text(at, Anchor::Start, "ink", "#1b2733", 12.0, "pressure: fraction of \u{3c1}gH \u{b7} Pa (clipped at both ends)");
+        let at = [left + long + 56.0, top + 10.0];
+        svg.text(at, Anchor::Start, "ink", "#1b2733", 12.0, "pressure over \u{3c1}gH, clipped at both ends");
         let below = [at[0], top + 29.0];
         let _ = write!(
             svg.body,
@@ -232,7 +233,7 @@ impl FlowSheet {
                 size *= 1.3;
             }
         }
-        dots.sort_by(|a, b| a.layer.cmp(&b.layer));
+        dots.sort_by_key(|dot| dot.layer);
         let mut body = String::new();
         for group in dots.chunk_by(|a, b| a.layer == b.layer) {
             let stroke = match group[0].layer {

@@ -123,7 +123,7 @@ impl Page {
             block.write(&mut out);
         }
         for section in &self.sections {
-            let _ = write!(out, "<section id=\"{}\"><h2>{}</h2>\n", section.id, escape(&section.title));
+            let _ = writeln!(out, "<section id=\"{}\"><h2>{}</h2>", section.id, escape(&section.title));
             for block in &section.blocks {
                 block.write(&mut out);
             }

@@ -168,7 +168,13 @@ impl LinePlot {
             None => 24.0,
         };
         let area = Area { left, top, right: width - right, bottom: height - 50.0 };
-        let x = Ticks::over(&self.x, self.extent(0), 8);
+        // A linear horizontal axis ends with the data, so that the picture is filled.
+        let mut x_axis = self.x.clone();
+        let [from, to] = self.extent(0);
+        if x_axis.scale == Scale::Linear && from < to {
+            x_axis.range.get_or_insert([from, to]);
+        }
+        let x = Ticks::over(&x_axis, [from, to], 8);
 
         svg.grid(&area, &x, &y);
         svg.open_clip(&area);
@@ -188,8 +194,8 @@ impl LinePlot {
         svg.finish()
     }
 
-    fn legend_entries(&self) -> Vec<(Ink, Style, &str)> {
-        self.series.iter().map(|series| (series.ink, series.style, series.name.as_str())).collect()
+    fn legend_entries(&self) -> Vec<(Ink, Key, &str)> {
+        self.series.iter().map(|series| (series.ink, Key::Series(series.style), series.name.as_str())).collect()
     }
 
     /// Least and greatest value along axis 0 or 1.
@@ -332,8 +338,8 @@ impl StackedBars {
             }
         }
         let width = 1100.0;
-        let entries: Vec<(Ink, Style, &str)> =
-            names.iter().enumerate().map(|(i, name)| (Ink::Series(i), Style::Markers, *name)).collect();
+        let entries: Vec<(Ink, Key, &str)> =
+            names.iter().enumerate().map(|(i, name)| (Ink::Series(i), Key::Swatch, *name)).collect();
         let mut svg = Svg::new(width, 0.0);
         svg.text([16.0, 24.0], Anchor::Start, "ink title", INK, 15.0, &self.title);
         let top = legend(&mut svg, &entries, 16.0, 46.0, width - 32.0) + 14.0;
@@ -372,20 +378,29 @@ impl StackedBars {
     }
 }
 
+/// What stands before a name in a legend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Key {
+    /// As the series is drawn.
+    Series(Style),
+    /// A filled square.
+    Swatch,
+}
+
 /// Draws a legend in rows; returns the lower end of the last row.
-fn legend(svg: &mut Svg, entries: &[(Ink, Style, &str)], left: f64, mut y: f64, width: f64) -> f64 {
+fn legend(svg: &mut Svg, entries: &[(Ink, Key, &str)], left: f64, mut y: f64, width: f64) -> f64 {
     if entries.is_empty() {
         return y - 16.0;
     }
     let mut x = left;
-    for (ink, style, name) in entries {
+    for (ink, key, name) in entries {
         let advance = 30.0 + text_width(name, 12.5) + 20.0;
         if x > left && x + advance > left + width {
             x = left;
             y += 20.0;
         }
         let middle = y - 4.0;
-        if *style != Style::Markers {
+        if let Key::Series(Style::Line | Style::Both) = key {
             let _ = write!(
                 svg.body,
                 r#"<path d="M{} {middle}h22"{} fill="none" stroke="{}" stroke-width="2.4"/>"#,
@@ -394,8 +409,12 @@ fn legend(svg: &mut Svg, entries: &[(Ink, Style, &str)], left: f64, mut y: f64, 
                 ink.color()
             );
         }
-        if *style != Style::Line {
+        if let Key::Series(Style::Markers | Style::Both) = key {
             svg.marker([x + 11.0, middle], *ink);
+        }
+        if *key == Key::Swatch {
+            let (left, top, fill) = (short(x + 9.0), short(middle - 6.0), ink.color());
+            let _ = write!(svg.body, r#"<rect x="{left}" y="{top}" width="13" height="13" fill="{fill}"/>"#);
         }
         svg.text([x + 29.0, y], Anchor::Start, "ink", INK, 12.5, name);
         x += advance;
@@ -623,7 +642,9 @@ impl Svg {
 
     /// What follows is clipped to the area, in the same coordinates.
     pub fn open_clip(&mut self, area: &Area) {
-        let (x, y, w, h) = (short(area.left), short(area.top), short(area.width()), short(area.height()));
+        // Two pixels more, so that a line along the edge keeps its width.
+        let (x, y) = (short(area.left - 2.0), short(area.top - 2.0));
+        let (w, h) = (short(area.width() + 4.0), short(area.height() + 4.0));
         let _ = write!(
             self.body,
             r#"<svg x="{x}" y="{y}" width="{w}" height="{h}" viewBox="{x} {y} {w} {h}" overflow="hidden">"#

@@ -10,7 +10,7 @@ use crate::error::ReportError;
 use crate::flow::{FlowSheet, Panel, View};
 use crate::measure::{FRONT_LEVELS, HEIGHT_LEVELS, Measured};
 use crate::page::{Block, Cells, Figure, Page, Section, Table};
-use crate::plot::{Axis, Bar, LinePlot, PALETTE, RightAxis, Series, StackedBars, png_from_svg};
+use crate::plot::{Axis, Bar, LinePlot, PALETTE, RightAxis, Series, StackedBars, Style, png_from_svg};
 use crate::run::{Frame, Outcome, Reference, Run, Spread};
 use crate::words::{self, join, number, quantity, signed_percent};
 
@@ -395,7 +395,7 @@ impl<'a> Report<'a> {
             Some([low, high]) => [range[0].clamp(low - pad, low), range[1].clamp(high, high + pad)],
             None => range,
         };
-        if !(across[0] < across[1]) || !(up[0] <= up[1]) {
+        if across[0] >= across[1] || up[0] > up[1] {
             return None;
         }
         let (mut across, mut up) = (limit(across, view.across), limit(up, view.up));
@@ -412,8 +412,8 @@ impl<'a> Report<'a> {
     fn fronts(&self) -> Vec<Block> {
         let mut blocks = Vec::new();
         let plots = [
-            ("front", "Front position", &FRONT_LEVELS[..], "Front position of each method against the references (markers). A curve to the left of the markers is ahead of them."),
-            ("residual_height", "Residual height at the back wall", &HEIGHT_LEVELS[..], "Height of the water at the back wall. A curve below the markers empties the column too early."),
+            ("front", "Front position", &FRONT_LEVELS[..], "Front position of each method against the references (markers). A curve to the left of the markers is ahead of them; the axis ends soon after the front has met the far wall."),
+            ("residual_height", "Residual height at the back wall", &HEIGHT_LEVELS[..], "Height of the water at the back wall. A curve below the markers, where there are any, falls too early."),
         ];
         for (column, title, levels, caption) in plots {
             if !self.runs.iter().any(|run| run.front.numbers(column).iter().any(|v| v.is_finite())) {
@@ -438,6 +438,15 @@ impl<'a> Report<'a> {
                 let Some((t, v)) = reference.scaling() else { continue };
                 let points = reference.points.iter().map(|p| [p[0] / t * time_scale, p[1] / v * value_scale]).collect();
                 plot.series.push(Series::reference(&reference.name, i, points));
+            }
+            if column == "front" {
+                // What follows the arrival at the far wall is flat and would squeeze the part that matters.
+                let arrivals = self.numbers.iter().filter_map(|m| crate::measure::peak(&times(&m.front), &values(&m.front)));
+                let arrival = arrivals.map(|p| p.time * time_scale).fold(0.0, f64::max);
+                let last = plot.series.iter().filter(|s| s.style == Style::Markers).flat_map(|s| &s.points);
+                let shown = 1.1 * last.map(|p| p[0]).fold(arrival, f64::max);
+                let end = plot.series.iter().flat_map(|s| &s.points).map(|p| p[0]).filter(|t| t.is_finite()).fold(0.0, f64::max);
+                plot.x.range = Some([0.0, shown.min(end)]).filter(|[start, end]| start < end);
             }
             let sources: Vec<String> = references
                 .iter()
@@ -466,7 +475,7 @@ impl<'a> Report<'a> {
             }
         }
         if rows.is_empty() {
-            return Block::Notice(format!("{title}: the runs name no reference, so there is no lead to state."));
+            return Block::Text(format!("{title}: no reference of this case can be compared with, so there is no lead to state."));
         }
         let head = std::iter::once("lead in time".to_owned()).chain(levels.iter().map(|z| format!("Z = {z}")));
         Block::Table(Table {
@@ -549,7 +558,9 @@ impl<'a> Report<'a> {
     fn energies(&self) -> Vec<Block> {
         let mut blocks = Vec::new();
         let mut figures = Vec::new();
-        for (run, m) in self.runs.iter().zip(&self.numbers) {
+        let mut totals = LinePlot::new("Total energy", "time [s]", "total / initial total [1]");
+        totals.size = [1100.0, 380.0];
+        for (i, (run, m)) in self.runs.iter().zip(&self.numbers).enumerate() {
             let Some(budget) = m.energy else {
                 blocks.push(Block::Notice(format!("{}: energy.csv has no positive total to compare with.", m.name)));
                 continue;
@@ -560,6 +571,9 @@ impl<'a> Report<'a> {
                 let points: Vec<[f64; 2]> =
                     run.energy.against_time(name).into_iter().map(|p| [p[0], p[1] / budget.initial]).collect();
                 if points.iter().any(|p| p[1].is_finite()) {
+                    if name == "total" {
+                        totals.series.push(Series::line(&m.name, i, points.clone()));
+                    }
                     plot.series.push(Series::line(name, k, points));
                 }
             }
@@ -571,6 +585,10 @@ impl<'a> Report<'a> {
         }
         if figures.is_empty() {
             return blocks;
+        }
+        if figures.len() > 1 {
+            let caption = "Total energy of each method over its start: how much each dissipates, and when.";
+            blocks.push(figure("energy-total".into(), &totals, caption.into()));
         }
         blocks.push(Block::Figures(figures));
         let energy = |m: &Measured, say: &dyn Fn(&crate::measure::EnergyBudget) -> String| {
@@ -601,6 +619,7 @@ impl<'a> Report<'a> {
         let mut density = plot("Density, 1st to 99th percentile", "density / rest density [1]");
         let mut noise = plot("Pressure noise", "noise / \u{3c1}gH [1]");
         let mut volume = plot("Volume error", "volume error [1]");
+        volume.size = [1100.0, 340.0];
         noise.y = Axis::log(noise.y.label);
         for (i, (run, m)) in self.runs.iter().zip(&self.numbers).enumerate() {
             let quality = &run.quality;
@@ -622,7 +641,6 @@ impl<'a> Report<'a> {
         let wanted = [
             ("density", density, "Band: from the 1st to the 99th percentile of all fluid particles; line: the mean. A narrow band at 1 is what an incompressible fluid has."),
             ("pressure-noise", noise, "RMS residual of a local linear fit of the pressure over neighbours within 3 spacings, interior fluid, over \u{3c1}gH; logarithmic axis. Lower is smoother."),
-            ("volume-error", volume, "Volume of the fluid against its volume at the start."),
         ];
         for (name, plot, caption) in wanted {
             if plot.is_empty() {
@@ -633,6 +651,12 @@ impl<'a> Report<'a> {
         }
         if !figures.is_empty() {
             blocks.push(Block::Figures(figures));
+        }
+        if volume.is_empty() {
+            blocks.push(Block::Notice(format!("{}: no run stored it in quality.csv.", volume.title)));
+        } else {
+            let caption = "Volume of the fluid against its volume at the start, relative. Below zero: the fluid is squeezed.";
+            blocks.push(figure("volume-error".into(), &volume, caption.into()));
         }
         let relative = |v: Option<f64>| v.map_or("not known".to_owned(), |v| signed_percent(v - 1.0));
         blocks.push(Block::Table(Table {
@@ -847,6 +871,14 @@ impl<'a> Report<'a> {
     }
 }
 
+fn times(points: &[[f64; 2]]) -> Vec<f64> {
+    points.iter().map(|p| p[0]).collect()
+}
+
+fn values(points: &[[f64; 2]]) -> Vec<f64> {
+    points.iter().map(|p| p[1]).collect()
+}
+
 fn figure(name: String, plot: &LinePlot, caption: String) -> Block {
     Block::Figure(Figure { name, svg: plot.svg(), caption })
 }
@@ -910,7 +942,7 @@ fn limits(run: &Run) -> String {
             None => counts.push((name, 1)),
         }
     }
-    counts.sort_by(|a, b| b.1.cmp(&a.1));
+    counts.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
     let total: usize = counts.iter().map(|(_, count)| count).sum();
     let say = |(name, count): &(&str, usize)| format!("{name} {:.0} %", 100.0 * *count as f64 / total as f64);
     if counts.is_empty() { "not known".into() } else { counts.iter().map(say).collect::<Vec<_>>().join(", ") }

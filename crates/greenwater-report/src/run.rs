@@ -804,8 +804,11 @@ fn base64_length(bytes: usize) -> usize {
     bytes.div_ceil(3) * 4
 }
 
+/// Makes a number of the first bytes.
+type Reader = fn(&[u8]) -> f64;
+
 /// The type's size in bytes and how to read it, little-endian.
-fn scalar(kind: &str) -> Option<(usize, fn(&[u8]) -> f64)> {
+fn scalar(kind: &str) -> Option<(usize, Reader)> {
     /// The first `N` bytes.
     fn le<const N: usize>(bytes: &[u8]) -> [u8; N] {
         std::array::from_fn(|i| bytes[i])

@@ -142,7 +142,7 @@ fn completion(methods: &[Measured]) -> Finding {
 }
 
 /// Least and greatest of a measured value with the methods they belong to; at least one must have it.
-fn extremes<'a>(methods: &'a [Measured], of: impl Fn(&Measured) -> Option<f64>) -> Option<[(&'a Measured, f64); 2]> {
+fn extremes(methods: &[Measured], of: impl Fn(&Measured) -> Option<f64>) -> Option<[(&Measured, f64); 2]> {
     let mut with: Vec<(&Measured, f64)> =
         methods.iter().filter_map(|m| Some((m, of(m).filter(|v| v.is_finite())?))).collect();
     with.sort_by(|a, b| a.1.total_cmp(&b.1));
