@@ -134,8 +134,10 @@ impl FlowSheet {
                     }
                     Panel::Picture { heading, frame, pressure_scale, spacing } => {
                         svg.text([x, y + 12.0], Anchor::Start, "soft", "#5a6875", 12.0, heading);
-                        self.particles(&mut svg, &area, frame, *pressure_scale, *spacing);
+                        // The colours are made for a light ground, also on a dark page.
                         let d = frame_outline(&area);
+                        let _ = write!(svg.body, r##"<path d="{d}" class="panel" fill="#ffffff"/>"##);
+                        self.particles(&mut svg, &area, frame, *pressure_scale, *spacing);
                         let _ = write!(svg.body, r##"<path d="{d}" class="soft-line" fill="none" stroke="#5a6875"/>"##);
                     }
                 }
@@ -182,6 +184,9 @@ impl FlowSheet {
         }
         let at = [left + long + 56.0, top + 10.0];
         svg.text(at, Anchor::Start, "ink", "#1b2733", 12.0, "pressure over \u{3c1}gH, clipped at both ends");
+        if self.view.depth.is_some() {
+            return;
+        }
         let below = [at[0], top + 29.0];
         let _ = write!(
             svg.body,

@@ -212,7 +212,10 @@ impl Measured {
             steps: run.step_count(),
             wall_seconds: run.wall_seconds(),
             dt: run.dt(),
-            iterations: summary.iterations,
+            iterations: summary.iterations.or_else(|| {
+                let logged = run.steps.numbers("iterations");
+                logged.iter().any(|n| *n > 0.0).then(|| Spread::of(logged))
+            }),
             particles: run.particle_count(),
             pressure_noise: summary.pressure_noise.or_else(middle),
             density: Percentiles {

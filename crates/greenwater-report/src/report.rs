@@ -340,16 +340,17 @@ impl<'a> Report<'a> {
         };
         let axes = ["x", "y", "z"];
         let seen = match view.depth {
-            None => String::new(),
+            None => " Grey: wall particles.".to_owned(),
             Some(depth) => format!(
                 " Side view on the {}-{} plane, looking along {}, gravity down; the particles nearest to the viewer are shown, walls are left out.",
                 axes[view.across], axes[view.up], axes[depth]
             ),
         };
+        let order = if self.runs.len() == 1 { "Times in reading order" } else { "One row a time, one column a method" };
         let caption = format!(
-            "One row a time, one column a method, the same colours everywhere; each panel gives the true time of its frame \
+            "{order}, the same colours everywhere; each panel gives the true time of its frame \
              (the stored frame nearest to the asked time). Look at how even the colours are: steps and speckles are pressure \
-             noise. Grey: wall particles.{seen}"
+             noise.{seen}"
         );
         vec![Block::Figure(Figure { name: "flow".into(), svg: sheet.svg(), caption })]
     }
@@ -744,7 +745,7 @@ impl<'a> Report<'a> {
             blocks.push(Block::Figure(Figure {
                 name: "cost".into(),
                 svg: chart.svg(),
-                caption: "Where the time goes. The number at the end of a bar is its sum in seconds; `other` is what no phase was timed for, output included.".into(),
+                caption: "Where the time goes. The number at the end of a bar is its sum in seconds; other: phases too small to show, and time outside any phase, output included.".into(),
             }));
         }
         let cell = |m: &Measured, seconds: Option<f64>| {
@@ -773,7 +774,11 @@ impl<'a> Report<'a> {
         let mut rows = vec![
             self.row("steps", |m| m.steps.map_or("not known".into(), |n| n.to_string())),
             self.row("time step: least / median / greatest", |m| spread(m.dt, "s")),
-            self.row("solver iterations a step: least / median / greatest", |m| m.iterations.map_or("no solver".into(), |s| spread(s, ""))),
+            self.row("solver iterations a step: least / median / greatest", |m| match m.iterations {
+                Some(iterations) => spread(iterations, ""),
+                None if m.steps.is_some() => "no solver".into(),
+                None => "not known".into(),
+            }),
             self.row("cost of a step", |m| quantity(m.seconds_per_step().map(|s| 1e3 * s), "ms")),
             self.row("cost of a step over the cheapest method", |m| quantity(m.seconds_per_step().map(|s| s / cheapest), "")),
         ];

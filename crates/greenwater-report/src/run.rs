@@ -242,6 +242,18 @@ pub struct Spread {
     pub max: Option<f64>,
 }
 
+impl Spread {
+    /// Least, median and greatest of the finite numbers.
+    pub fn of(values: &[f64]) -> Self {
+        let finite = || values.iter().copied().filter(|v| v.is_finite());
+        Self {
+            min: finite().reduce(f64::min),
+            median: crate::measure::median(finite()),
+            max: finite().reduce(f64::max),
+        }
+    }
+}
+
 /// First and 99th percentile.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(default)]
@@ -522,7 +534,7 @@ impl Run {
 
     /// Time steps, s: from the summary, else from `steps.csv`.
     pub fn dt(&self) -> Spread {
-        self.summary.dt.unwrap_or_else(|| spread(self.steps.numbers("dt")))
+        self.summary.dt.unwrap_or_else(|| Spread::of(self.steps.numbers("dt")))
     }
 
     /// Wall-clock time, s: from the summary, else from `steps.csv`.
@@ -550,16 +562,6 @@ impl Run {
         let path = &self.frames[index].path;
         let text = fs::read_to_string(path).map_err(|source| FrameError::Io { path: path.clone(), source })?;
         parse_vtp(&text).map_err(|reason| FrameError::Malformed { path: path.clone(), reason })
-    }
-}
-
-/// Least, median and greatest of the finite numbers.
-fn spread(values: &[f64]) -> Spread {
-    let finite = || values.iter().copied().filter(|v| v.is_finite());
-    Spread {
-        min: finite().reduce(f64::min),
-        median: crate::measure::median(finite()),
-        max: finite().reduce(f64::max),
     }
 }
 

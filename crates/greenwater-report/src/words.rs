@@ -102,18 +102,24 @@ fn times(ratio: f64) -> Option<String> {
 
 /// The key findings, in order of what users ask first.
 pub fn findings(methods: &[Measured]) -> Vec<Finding> {
+    // A run that stopped early has seen less of the flow: its totals are compared only if none got further.
+    let finished: Vec<Measured> = methods.iter().filter(|m| m.completed).cloned().collect();
+    let compared = if finished.is_empty() { methods } else { &finished };
     let mut all = vec![completion(methods)];
-    all.push(noise(methods));
+    all.push(noise(compared));
     all.extend(fronts(methods));
-    all.extend(peaks(methods));
-    all.push(density(methods));
-    all.extend(energy(methods));
-    all.extend(cost(methods));
+    all.extend(peaks(compared));
+    all.push(density(compared));
+    all.extend(energy(compared));
+    all.extend(cost(compared));
     all
 }
 
 fn each(methods: &[Measured], say: impl Fn(&Measured) -> String) -> String {
-    methods.iter().map(|m| format!("{}: {}", m.name, say(m))).collect::<Vec<_>>().join("; ")
+    match methods {
+        [one] => say(one),
+        _ => methods.iter().map(|m| format!("{} {}", m.name, say(m))).collect::<Vec<_>>().join("; "),
+    }
 }
 
 fn completion(methods: &[Measured]) -> Finding {
@@ -125,10 +131,7 @@ fn completion(methods: &[Measured]) -> Finding {
             _ => format!("All {} methods reached the end", methods.len()),
         }
     } else {
-        format!("{} did not reach the end; what follows covers {} only up to there", join(&stopped), match stopped.len() {
-            1 => "it",
-            _ => "them",
-        })
+        format!("{} did not reach the end", join(&stopped))
     };
     let lost: u64 = methods.iter().filter_map(|m| m.lost_particles).sum();
     let unknown = methods.iter().any(|m| m.lost_particles.is_none());
@@ -138,7 +141,12 @@ fn completion(methods: &[Measured]) -> Finding {
         _ => format!("Particles lost: {}", each(methods, |m| m.lost_particles.map_or("not known".into(), |n| n.to_string()))),
     };
     let ends = each(methods, |m| quantity(m.end_time, "s"));
-    Finding { headline, detail: format!("Time reached: {ends}. {particles}.") }
+    let left_out = if stopped.is_empty() || stopped.len() == methods.len() {
+        ""
+    } else {
+        " Noise, pressure peaks, density, energy and cost are compared between the finished runs only."
+    };
+    Finding { headline, detail: format!("Time reached: {ends}. {particles}.{left_out}") }
 }
 
 /// Least and greatest of a measured value with the methods they belong to; at least one must have it.
@@ -151,7 +159,7 @@ fn extremes(methods: &[Measured], of: impl Fn(&Measured) -> Option<f64>) -> Opti
 
 fn noise(methods: &[Measured]) -> Finding {
     let detail = format!(
-        "Pressure noise over \u{3c1}gH, {}. It is the RMS residual of a local linear fit of the pressure over \
+        "Pressure noise over \u{3c1}gH: {}. It is the RMS residual of a local linear fit of the pressure over \
          neighbours within 3 spacings, interior fluid, in the middle of the run.",
         each(methods, |m| quantity(m.pressure_noise, ""))
     );
@@ -300,7 +308,7 @@ fn density(methods: &[Measured]) -> Finding {
     };
     let volume = each(methods, |m| m.volume_error.map_or("not known".into(), signed_percent));
     let detail = format!(
-        "1st to 99th percentile of the density, {}. Volume error at the end, {volume}.",
+        "1st to 99th percentile of the density: {}. Volume error at the end: {volume}.",
         each(methods, spread)
     );
     let percent = |error: f64| format!("{} %", number(round_to(100.0 * error, 0.01)));
@@ -361,7 +369,7 @@ fn cost(methods: &[Measured]) -> Option<Finding> {
     } else {
         format!("No clear difference in computing time: {} and {}", duration(short), duration(long))
     };
-    let mut detail = vec![format!("Steps, {}.", each(methods, |m| m.steps.map_or("not known".into(), |n| n.to_string())))];
+    let mut detail = vec![format!("Steps: {}.", each(methods, |m| m.steps.map_or("not known".into(), |n| n.to_string())))];
     if let Some([(cheap, low), (dear, high)]) = extremes(methods, Measured::seconds_per_step)
         && !std::ptr::eq(cheap, dear)
         && low > 0.0

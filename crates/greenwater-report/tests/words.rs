@@ -100,3 +100,12 @@ fn numbers_have_three_digits_and_no_false_ones() {
     assert_eq!(signed_percent(-0.5), "\u{2212}50 %");
     assert_eq!(duration(200.0), "3 min 20 s");
 }
+
+#[test]
+fn a_run_that_stopped_early_is_left_out_of_comparisons() {
+    let [a, b] = twins("words-stopped");
+    let stopped = Measured { completed: false, name: "isph-exact".into(), pressure_noise: Some(1e-6), ..b.clone() };
+    let text = headlines(&[a, b, stopped]);
+    assert!(text.contains("isph-exact did not reach the end"), "{text}");
+    assert!(text.contains("No clear difference in pressure smoothness"), "{text}");
+}
