@@ -11,9 +11,14 @@ use greenwater_report::{ReportError, write_report};
 use serde_json::Value;
 
 fn pair(name: &str) -> (PathBuf, Vec<PathBuf>) {
+    pair_of(name, 12)
+}
+
+/// Two runs with so many particles over the width of the column.
+fn pair_of(name: &str, columns: usize) -> (PathBuf, Vec<PathBuf>) {
     let dir = scratch(name);
-    let wcsph = Synthetic { pace: 0.9, noise: 0.056, ..Synthetic::new("wcsph") };
-    let isph = Synthetic { pace: 0.85, noise: 0.004, ..Synthetic::new("isph-paper") };
+    let wcsph = Synthetic { columns, pace: 0.9, noise: 0.056, ..Synthetic::new("wcsph") };
+    let isph = Synthetic { columns, pace: 0.85, noise: 0.004, ..Synthetic::new("isph-paper") };
     let runs = vec![wcsph.write(&dir.join("wcsph")), isph.write(&dir.join("isph-paper"))];
     (dir, runs)
 }
@@ -24,7 +29,8 @@ fn json(path: &std::path::Path) -> Value {
 
 #[test]
 fn a_report_holds_a_page_numbers_and_figures_that_decode() {
-    let (dir, runs) = pair("complete");
+    // 3200 fluid particles, as in the finest of the shipped sizes.
+    let (dir, runs) = pair_of("complete", 40);
     let paths = write_report(&runs, &dir.join("report")).unwrap();
     let html = fs::read_to_string(&paths.html).unwrap();
     assert!(html.len() < 6_000_000, "page of {} bytes", html.len());
