@@ -8,9 +8,9 @@ use crate::run::{Frame, Scales};
 /// Viridis at even steps from 0 to 1: perceptually uniform, and readable with every common colour blindness.
 /// Source: van der Walt & Smith (2015), released to the public domain.
 const VIRIDIS: [u32; 33] = [
-    0x440154, 0x470d60, 0x48186a, 0x482374, 0x472d7b, 0x453781, 0x424086, 0x3e4989, 0x3b528b, 0x375b8d, 0x33638d,
-    0x2f6b8e, 0x2c728e, 0x297a8e, 0x26828e, 0x23898e, 0x21918c, 0x1f988b, 0x1fa088, 0x22a785, 0x28ae80, 0x32b67a,
-    0x3fbc73, 0x4ec36b, 0x5ec962, 0x70cf57, 0x84d44b, 0x98d83e, 0xaddc30, 0xc2df23, 0xd8e219, 0xece51b, 0xfde725,
+    0x440154, 0x470d60, 0x48186a, 0x482374, 0x472d7b, 0x453781, 0x424086, 0x3e4989, 0x3b528b, 0x375b8d, 0x33638d, 0x2f6b8e, 0x2c728e,
+    0x297a8e, 0x26828e, 0x23898e, 0x21918c, 0x1f988b, 0x1fa088, 0x22a785, 0x28ae80, 0x32b67a, 0x3fbc73, 0x4ec36b, 0x5ec962, 0x70cf57,
+    0x84d44b, 0x98d83e, 0xaddc30, 0xc2df23, 0xd8e219, 0xece51b, 0xfde725,
 ];
 /// Number of colours in a picture.
 const LEVELS: usize = 64;
@@ -188,12 +188,7 @@ impl FlowSheet {
             return;
         }
         let below = [at[0], top + 29.0];
-        let _ = write!(
-            svg.body,
-            r#"<circle cx="{}" cy="{}" r="4.5" fill="{WALL}"/>"#,
-            short(below[0] + 5.0),
-            short(below[1] - 4.0)
-        );
+        let _ = write!(svg.body, r#"<circle cx="{}" cy="{}" r="4.5" fill="{WALL}"/>"#, short(below[0] + 5.0), short(below[1] - 4.0));
         svg.text([below[0] + 16.0, below[1]], Anchor::Start, "soft", "#5a6875", 12.0, "wall particles");
     }
 

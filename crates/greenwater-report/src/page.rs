@@ -37,8 +37,7 @@ impl Section {
     /// A section; its id is made from the title.
     pub fn new(title: impl Into<String>, blocks: Vec<Block>) -> Self {
         let title = title.into();
-        let dashed: String =
-            title.to_ascii_lowercase().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let dashed: String = title.to_ascii_lowercase().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let id = dashed.split('-').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-");
         Self { id, title, blocks }
     }
@@ -162,12 +161,7 @@ impl Block {
             Self::Cards(cards) => {
                 out.push_str("<div class=\"cards\">");
                 for (head, detail) in cards {
-                    let _ = write!(
-                        out,
-                        "<div class=\"card\"><p class=\"headline\">{}</p><p>{}</p></div>",
-                        escape(head),
-                        escape(detail)
-                    );
+                    let _ = write!(out, "<div class=\"card\"><p class=\"headline\">{}</p><p>{}</p></div>", escape(head), escape(detail));
                 }
                 out.push_str("</div>\n");
             }
@@ -225,10 +219,8 @@ impl Figure {
         let _ = write!(out, "<figure>{}<figcaption>{}", self.svg, escape(&self.caption));
         if !self.name.is_empty() {
             let name = escape(&self.name);
-            let _ = write!(
-                out,
-                " <span class=\"files\"><a href=\"figures/{name}.svg\">SVG</a> <a href=\"figures/{name}.png\">PNG</a></span>"
-            );
+            let _ =
+                write!(out, " <span class=\"files\"><a href=\"figures/{name}.svg\">SVG</a> <a href=\"figures/{name}.png\">PNG</a></span>");
         }
         out.push_str("</figcaption></figure>\n");
     }

@@ -222,9 +222,8 @@ impl Scale {
 impl Series {
     fn draw(&self, svg: &mut Svg, area: &Area, x: &Ticks, y: &Ticks) {
         let place = |px: f64, py: f64| {
-            (x.scale.shows(px) && y.scale.shows(py)).then(|| {
-                [area.left + x.fraction(px) * area.width(), area.bottom - y.fraction(py) * area.height()]
-            })
+            (x.scale.shows(px) && y.scale.shows(py))
+                .then(|| [area.left + x.fraction(px) * area.width(), area.bottom - y.fraction(py) * area.height()])
         };
         let color = self.ink.color();
         if !self.band.is_empty() {
@@ -242,10 +241,8 @@ impl Series {
             };
             let class = self.ink.class();
             let d = path_data(&thin(placed.clone()));
-            let _ = write!(
-                svg.body,
-                r#"<path d="{d}"{class} fill="none" stroke="{color}" stroke-width="1.8" stroke-linejoin="round"{dash}/>"#
-            );
+            let _ =
+                write!(svg.body, r#"<path d="{d}"{class} fill="none" stroke="{color}" stroke-width="1.8" stroke-linejoin="round"{dash}/>"#);
         }
         if self.style != Style::Line {
             for at in placed.into_iter().flatten() {
@@ -338,8 +335,7 @@ impl StackedBars {
             }
         }
         let width = 1100.0;
-        let entries: Vec<(Ink, Key, &str)> =
-            names.iter().enumerate().map(|(i, name)| (Ink::Series(i), Key::Swatch, *name)).collect();
+        let entries: Vec<(Ink, Key, &str)> = names.iter().enumerate().map(|(i, name)| (Ink::Series(i), Key::Swatch, *name)).collect();
         let mut svg = Svg::new(width, 0.0);
         svg.text([16.0, 24.0], Anchor::Start, "ink title", INK, 15.0, &self.title);
         let top = legend(&mut svg, &entries, 16.0, 46.0, width - 32.0) + 14.0;
@@ -538,7 +534,16 @@ fn log_marks(first: f64, last: f64, parts: &[f64]) -> Vec<f64> {
 fn round_step(raw: f64) -> f64 {
     let decade = 10f64.powf(raw.log10().floor());
     let lead = raw / decade;
-    decade * if lead <= 1.0 + 1e-9 { 1.0 } else if lead <= 2.0 { 2.0 } else if lead <= 5.0 { 5.0 } else { 10.0 }
+    decade
+        * if lead <= 1.0 + 1e-9 {
+            1.0
+        } else if lead <= 2.0 {
+            2.0
+        } else if lead <= 5.0 {
+            5.0
+        } else {
+            10.0
+        }
 }
 
 fn tick_label(value: f64, step: f64) -> String {
@@ -645,10 +650,7 @@ impl Svg {
         // Two pixels more, so that a line along the edge keeps its width.
         let (x, y) = (short(area.left - 2.0), short(area.top - 2.0));
         let (w, h) = (short(area.width() + 4.0), short(area.height() + 4.0));
-        let _ = write!(
-            self.body,
-            r#"<svg x="{x}" y="{y}" width="{w}" height="{h}" viewBox="{x} {y} {w} {h}" overflow="hidden">"#
-        );
+        let _ = write!(self.body, r#"<svg x="{x}" y="{y}" width="{w}" height="{h}" viewBox="{x} {y} {w} {h}" overflow="hidden">"#);
     }
 
     pub fn close_clip(&mut self) {

@@ -43,8 +43,7 @@ pub fn write_report(runs: &[PathBuf], out: &Path) -> Result<ReportPaths, ReportE
     let runs = Run::read_all(runs)?;
     let report = Report::of(&runs);
     let figures_dir = out.join("figures");
-    fs::create_dir_all(&figures_dir)
-        .map_err(|source| ReportError::Io { action: "create", path: figures_dir.clone(), source })?;
+    fs::create_dir_all(&figures_dir).map_err(|source| ReportError::Io { action: "create", path: figures_dir.clone(), source })?;
     let page = report.page(out);
     let mut figures = Vec::new();
     for figure in page.figures() {
@@ -107,8 +106,7 @@ struct Report<'a> {
 impl<'a> Report<'a> {
     fn of(runs: &'a [Run]) -> Self {
         // Runs of one comparison share their references; take the first list that has any.
-        let references =
-            runs.iter().map(|run| run.provenance.compare.references.as_slice()).find(|r| !r.is_empty()).unwrap_or(&[]);
+        let references = runs.iter().map(|run| run.provenance.compare.references.as_slice()).find(|r| !r.is_empty()).unwrap_or(&[]);
         let numbers = runs.iter().map(|run| Measured::of(run, references)).collect();
         Self { runs, numbers, references }
     }
@@ -136,15 +134,8 @@ impl<'a> Report<'a> {
     fn checks(&self) -> Vec<Check> {
         let mut checks = Vec::new();
         for m in &self.numbers {
-            let check = |what: String, unit, value, low, high, source| Check {
-                what,
-                method: m.name.clone(),
-                unit,
-                value,
-                low,
-                high,
-                source,
-            };
+            let check =
+                |what: String, unit, value, low, high, source| Check { what, method: m.name.clone(), unit, value, low, high, source };
             let finished = f64::from(u8::from(m.completed));
             checks.push(check("finished".into(), "1", finished, 1.0, 1.0, "DONE in the run folder"));
             if let Some(lost) = m.lost_particles {
@@ -179,9 +170,9 @@ impl<'a> Report<'a> {
                     .iter()
                     .map(|p| (p.name.clone(), json!({"peak": p.peak.value, "peak_time": p.peak.time, "mean": p.mean})))
                     .collect();
-                let energy = m.energy.map(|e| {
-                    json!({"initial": e.initial, "final": e.last, "max_rise": e.max_rise, "loss": e.loss(), "unit": m.energy_unit})
-                });
+                let energy = m.energy.map(
+                    |e| json!({"initial": e.initial, "final": e.last, "max_rise": e.max_rise, "loss": e.loss(), "unit": m.energy_unit}),
+                );
                 let phases: serde_json::Map<String, Value> =
                     m.phases.iter().map(|(name, seconds)| (name.clone(), json!(seconds))).collect();
                 let leads: Vec<Value> = m
@@ -209,10 +200,8 @@ impl<'a> Report<'a> {
                        "high": c.high, "pass": c.pass(), "source": c.source})
             })
             .collect();
-        let findings: Vec<Value> = words::findings(&self.numbers)
-            .iter()
-            .map(|f| json!({"headline": f.headline, "detail": f.detail}))
-            .collect();
+        let findings: Vec<Value> =
+            words::findings(&self.numbers).iter().map(|f| json!({"headline": f.headline, "detail": f.detail})).collect();
         json!({"format": 1, "title": self.title(), "methods": methods, "acceptance": acceptance, "findings": findings})
     }
 
@@ -245,10 +234,7 @@ impl<'a> Report<'a> {
                 Section::new("Checks", self.check_table()),
                 Section::new("How this was made", self.making(out)),
             ],
-            footer: format!(
-                "Written by greenwater-report {} from stored run folders. SI units throughout.",
-                env!("CARGO_PKG_VERSION")
-            ),
+            footer: format!("Written by greenwater-report {} from stored run folders. SI units throughout.", env!("CARGO_PKG_VERSION")),
         }
     }
 
@@ -290,12 +276,8 @@ impl<'a> Report<'a> {
             let s = &run.provenance.scales;
             [s.spacing, s.height, s.width, s.rest_density, s.gravity].map(|v| v.map(f64::to_bits))
         };
-        if self.runs.iter().any(|run| {
-            run.provenance.case != self.runs[0].provenance.case || scales(run) != scales(&self.runs[0])
-        }) {
-            blocks.push(Block::Notice(
-                "These runs are of different cases or resolutions: compare their numbers with care.".into(),
-            ));
+        if self.runs.iter().any(|run| run.provenance.case != self.runs[0].provenance.case || scales(run) != scales(&self.runs[0])) {
+            blocks.push(Block::Notice("These runs are of different cases or resolutions: compare their numbers with care.".into()));
         }
         blocks.push(Block::Text("Departures from the methods as printed:".into()));
         let departures = self.runs.iter().zip(&self.numbers).flat_map(|(run, m)| {
@@ -413,8 +395,18 @@ impl<'a> Report<'a> {
     fn fronts(&self) -> Vec<Block> {
         let mut blocks = Vec::new();
         let plots = [
-            ("front", "Front position", &FRONT_LEVELS[..], "Front position of each method against the references (markers). A curve to the left of the markers is ahead of them; the axis ends soon after the front has met the far wall."),
-            ("residual_height", "Residual height at the back wall", &HEIGHT_LEVELS[..], "Height of the water at the back wall. A curve below the markers, where there are any, falls too early."),
+            (
+                "front",
+                "Front position",
+                &FRONT_LEVELS[..],
+                "Front position of each method against the references (markers). A curve to the left of the markers is ahead of them; the axis ends soon after the front has met the far wall.",
+            ),
+            (
+                "residual_height",
+                "Residual height at the back wall",
+                &HEIGHT_LEVELS[..],
+                "Height of the water at the back wall. A curve below the markers, where there are any, falls too early.",
+            ),
         ];
         for (column, title, levels, caption) in plots {
             if !self.runs.iter().any(|run| run.front.numbers(column).iter().any(|v| v.is_finite())) {
@@ -449,11 +441,8 @@ impl<'a> Report<'a> {
                 let end = plot.series.iter().flat_map(|s| &s.points).map(|p| p[0]).filter(|t| t.is_finite()).fold(0.0, f64::max);
                 plot.x.range = Some([0.0, shown.min(end)]).filter(|[start, end]| start < end);
             }
-            let sources: Vec<String> = references
-                .iter()
-                .filter(|r| !r.source.is_empty())
-                .map(|r| format!("{}: {}", r.name, r.source))
-                .collect();
+            let sources: Vec<String> =
+                references.iter().filter(|r| !r.source.is_empty()).map(|r| format!("{}: {}", r.name, r.source)).collect();
             let sources = if sources.is_empty() { String::new() } else { format!(" Sources: {}.", sources.join("; ")) };
             blocks.push(figure(column.replace('_', "-"), &plot, format!("{caption}{sources}")));
             blocks.push(self.lead_table(column, title, levels, &references));
@@ -503,9 +492,9 @@ impl<'a> Report<'a> {
         let (mut figures, mut silent) = (Vec::new(), Vec::new());
         for (i, name) in names.iter().enumerate() {
             let position = self.runs.iter().flat_map(|run| &run.provenance.probes).find(|probe| probe.name == *name);
-            let place = position.filter(|p| !p.position.is_empty()).map_or(String::new(), |p| {
-                format!(" at ({}) m", p.position.iter().map(|x| number(*x)).collect::<Vec<_>>().join(", "))
-            });
+            let place = position
+                .filter(|p| !p.position.is_empty())
+                .map_or(String::new(), |p| format!(" at ({}) m", p.position.iter().map(|x| number(*x)).collect::<Vec<_>>().join(", ")));
             let mut plot = LinePlot::new(format!("Pressure at {name}{place}"), "time [s]", "pressure [Pa]");
             plot.size = if names.len() == 1 { [1100.0, 440.0] } else { [640.0, 420.0] };
             plot.right = self.pressure_scale().map(|scale| RightAxis { label: "fraction of \u{3c1}gH".into(), factor: 1.0 / scale });
@@ -521,7 +510,9 @@ impl<'a> Report<'a> {
                 silent.push((*name).to_owned());
                 continue;
             }
-            let caption = format!("Raw pressure at {name}, neither smoothed nor thinned. The height of single spikes is noise as much as impact: compare the means, too.");
+            let caption = format!(
+                "Raw pressure at {name}, neither smoothed nor thinned. The height of single spikes is noise as much as impact: compare the means, too."
+            );
             figures.push(Figure { name: format!("probe-{}-{}", i + 1, file_name(name)), svg: plot.svg(), caption });
         }
         if !silent.is_empty() {
@@ -569,8 +560,7 @@ impl<'a> Report<'a> {
             let mut plot = LinePlot::new(format!("Energies, {}", m.name), "time [s]", "energy / initial total [1]");
             plot.size = if self.runs.len() == 1 { [1100.0, 440.0] } else { [640.0, 420.0] };
             for (k, name) in ["kinetic", "potential", "elastic", "total"].into_iter().enumerate() {
-                let points: Vec<[f64; 2]> =
-                    run.energy.against_time(name).into_iter().map(|p| [p[0], p[1] / budget.initial]).collect();
+                let points: Vec<[f64; 2]> = run.energy.against_time(name).into_iter().map(|p| [p[0], p[1] / budget.initial]).collect();
                 if points.iter().any(|p| p[1].is_finite()) {
                     if name == "total" {
                         totals.series.push(Series::line(&m.name, i, points.clone()));
@@ -578,10 +568,8 @@ impl<'a> Report<'a> {
                     plot.series.push(Series::line(name, k, points));
                 }
             }
-            let caption = format!(
-                "Energies of {} over the total at the start. The total may fall (dissipation, impact) but must not rise.",
-                m.name
-            );
+            let caption =
+                format!("Energies of {} over the total at the start. The total may fall (dissipation, impact) but must not rise.", m.name);
             figures.push(Figure { name: format!("energy-{}", file_name(&m.name)), svg: plot.svg(), caption });
         }
         if figures.is_empty() {
@@ -592,9 +580,8 @@ impl<'a> Report<'a> {
             blocks.push(figure("energy-total".into(), &totals, caption.into()));
         }
         blocks.push(Block::Figures(figures));
-        let energy = |m: &Measured, say: &dyn Fn(&crate::measure::EnergyBudget) -> String| {
-            m.energy.as_ref().map_or("not known".to_owned(), say)
-        };
+        let energy =
+            |m: &Measured, say: &dyn Fn(&crate::measure::EnergyBudget) -> String| m.energy.as_ref().map_or("not known".to_owned(), say);
         blocks.push(Block::Table(Table {
             caption: "Total energy: start, end, highest rise above the start and loss at the end, both relative to the start.".into(),
             head: self.head("energy"),
@@ -640,8 +627,16 @@ impl<'a> Report<'a> {
         let mut blocks = Vec::new();
         let mut figures = Vec::new();
         let wanted = [
-            ("density", density, "Band: from the 1st to the 99th percentile of all fluid particles; line: the mean. A narrow band at 1 is what an incompressible fluid has."),
-            ("pressure-noise", noise, "RMS residual of a local linear fit of the pressure over neighbours within 3 spacings, interior fluid, over \u{3c1}gH; logarithmic axis. Lower is smoother."),
+            (
+                "density",
+                density,
+                "Band: from the 1st to the 99th percentile of all fluid particles; line: the mean. A narrow band at 1 is what an incompressible fluid has.",
+            ),
+            (
+                "pressure-noise",
+                noise,
+                "RMS residual of a local linear fit of the pressure over neighbours within 3 spacings, interior fluid, over \u{3c1}gH; logarithmic axis. Lower is smoother.",
+            ),
         ];
         for (name, plot, caption) in wanted {
             if plot.is_empty() {
@@ -741,7 +736,8 @@ impl<'a> Report<'a> {
                 parts.push(("other".into(), minor + rest_of(m).unwrap_or(0.0)));
                 Bar { name: m.name.clone(), parts }
             });
-            let chart = StackedBars { title: "Computing time by phase".into(), x_label: "wall-clock time [s]".into(), bars: bars.collect() };
+            let chart =
+                StackedBars { title: "Computing time by phase".into(), x_label: "wall-clock time [s]".into(), bars: bars.collect() };
             blocks.push(Block::Figure(Figure {
                 name: "cost".into(),
                 svg: chart.svg(),
@@ -754,14 +750,14 @@ impl<'a> Report<'a> {
             let each = m.per_particle_step(seconds).map_or(String::new(), |us| format!(" \u{b7} {} \u{b5}s", number(us)));
             format!("{} s{share}{each}", number(seconds))
         };
-        let mut rows: Vec<Vec<String>> =
-            totals.iter().map(|(phase, _)| self.row(phase, |m| cell(m, seconds_of(m, phase)))).collect();
+        let mut rows: Vec<Vec<String>> = totals.iter().map(|(phase, _)| self.row(phase, |m| cell(m, seconds_of(m, phase)))).collect();
         if !totals.is_empty() {
             rows.push(self.row("not in a phase", |m| cell(m, rest_of(m))));
         }
         rows.push(self.row("whole run", |m| cell(m, m.wall_seconds)));
         blocks.push(Block::Table(Table {
-            caption: "Seconds, share of the wall-clock time, and microseconds per particle and step (fluid and wall particles counted).".into(),
+            caption: "Seconds, share of the wall-clock time, and microseconds per particle and step (fluid and wall particles counted)."
+                .into(),
             head: self.head("phase"),
             rows,
             cells: Cells::Numbers,
@@ -852,7 +848,12 @@ impl<'a> Report<'a> {
             row("\u{3c1}gH", &|run| quantity(run.provenance.scales.pressure(), "Pa")),
             row("time step rule", &|run| run.provenance.time_step_rule.clone()),
         ];
-        blocks.push(Block::Table(Table { caption: "Where the numbers come from.".into(), head: self.head("provenance"), rows, cells: Cells::Words }));
+        blocks.push(Block::Table(Table {
+            caption: "Where the numbers come from.".into(),
+            head: self.head("provenance"),
+            rows,
+            cells: Cells::Words,
+        }));
         let mut commands: Vec<String> = self.runs.iter().map(|run| run.provenance.command.join(" ")).filter(|c| !c.is_empty()).collect();
         commands.dedup();
         if !commands.is_empty() {
@@ -861,8 +862,17 @@ impl<'a> Report<'a> {
         }
         blocks.push(Block::Text("Files behind this page:".into()));
         let files = [
-            "case.toml", "case.resolved.toml", "provenance.json", "summary.json", "frames/frames.pvd", "energy.csv",
-            "front.csv", "probes.csv", "quality.csv", "steps.csv", "FAILED.json",
+            "case.toml",
+            "case.resolved.toml",
+            "provenance.json",
+            "summary.json",
+            "frames/frames.pvd",
+            "energy.csv",
+            "front.csv",
+            "probes.csv",
+            "quality.csv",
+            "steps.csv",
+            "FAILED.json",
         ];
         let mut links = vec![("report.json".to_owned(), "report.json".to_owned())];
         for (run, m) in self.runs.iter().zip(&self.numbers) {

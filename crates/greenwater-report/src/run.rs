@@ -246,11 +246,7 @@ impl Spread {
     /// Least, median and greatest of the finite numbers.
     pub fn of(values: &[f64]) -> Self {
         let finite = || values.iter().copied().filter(|v| v.is_finite());
-        Self {
-            min: finite().reduce(f64::min),
-            median: crate::measure::median(finite()),
-            max: finite().reduce(f64::max),
-        }
+        Self { min: finite().reduce(f64::min), median: crate::measure::median(finite()), max: finite().reduce(f64::max) }
     }
 }
 
@@ -472,23 +468,9 @@ impl Run {
         let summary = read_json(&dir.join("summary.json"), &mut notes).unwrap_or_default();
         let frames = read_index(&dir.join("frames"), &mut notes);
         let mut table = |name: &str| read_table(&dir.join(name), &mut notes);
-        let [energy, front, probes, quality, steps] =
-            ["energy.csv", "front.csv", "probes.csv", "quality.csv", "steps.csv"].map(&mut table);
+        let [energy, front, probes, quality, steps] = ["energy.csv", "front.csv", "probes.csv", "quality.csv", "steps.csv"].map(&mut table);
         let label = if provenance.method.is_empty() { folder_name(dir) } else { provenance.method.clone() };
-        Ok(Self {
-            dir: dir.to_owned(),
-            label,
-            provenance,
-            summary,
-            outcome,
-            frames,
-            energy,
-            front,
-            probes,
-            quality,
-            steps,
-            notes,
-        })
+        Ok(Self { dir: dir.to_owned(), label, provenance, summary, outcome, frames, energy, front, probes, quality, steps, notes })
     }
 
     /// Reads several run folders and makes their labels unique.
@@ -585,10 +567,9 @@ fn read_provenance(dir: &Path) -> Result<Provenance, ReportError> {
         runs.sort();
         return Err(ReportError::NotARun { path: dir.to_owned(), runs });
     }
-    let text =
-        fs::read_to_string(&path).map_err(|source| ReportError::Io { action: "read", path: path.clone(), source })?;
-    let provenance: Provenance = serde_json::from_str(&text)
-        .map_err(|error| ReportError::Malformed { path: path.clone(), reason: error.to_string() })?;
+    let text = fs::read_to_string(&path).map_err(|source| ReportError::Io { action: "read", path: path.clone(), source })?;
+    let provenance: Provenance =
+        serde_json::from_str(&text).map_err(|error| ReportError::Malformed { path: path.clone(), reason: error.to_string() })?;
     if provenance.format != 1 {
         return Err(ReportError::Format { path, format: provenance.format });
     }
@@ -694,10 +675,7 @@ fn parse_vtp(text: &str) -> Result<Frame, String> {
         return Err(format!("{} pieces, expected 1", pieces().count()));
     }
     let piece = pieces().next().ok_or("no piece")?;
-    let count: usize = piece
-        .attribute("NumberOfPoints")
-        .and_then(|n| n.parse().ok())
-        .ok_or("NumberOfPoints is missing or no number")?;
+    let count: usize = piece.attribute("NumberOfPoints").and_then(|n| n.parse().ok()).ok_or("NumberOfPoints is missing or no number")?;
     let array = |parent: &str, name: Option<&str>| {
         piece
             .children()

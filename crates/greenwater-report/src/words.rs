@@ -71,11 +71,7 @@ pub fn duration(seconds: f64) -> String {
         return quantity(Some(seconds), "s");
     }
     let whole = seconds.round() as u64;
-    if whole < 7200 {
-        format!("{} min {} s", whole / 60, whole % 60)
-    } else {
-        format!("{} h {} min", whole / 3600, whole % 3600 / 60)
-    }
+    if whole < 7200 { format!("{} min {} s", whole / 60, whole % 60) } else { format!("{} h {} min", whole / 3600, whole % 3600 / 60) }
 }
 
 /// Names joined: `a`, `a and b`, `a, b and c`.
@@ -151,8 +147,7 @@ fn completion(methods: &[Measured]) -> Finding {
 
 /// Least and greatest of a measured value with the methods they belong to; at least one must have it.
 fn extremes(methods: &[Measured], of: impl Fn(&Measured) -> Option<f64>) -> Option<[(&Measured, f64); 2]> {
-    let mut with: Vec<(&Measured, f64)> =
-        methods.iter().filter_map(|m| Some((m, of(m).filter(|v| v.is_finite())?))).collect();
+    let mut with: Vec<(&Measured, f64)> = methods.iter().filter_map(|m| Some((m, of(m).filter(|v| v.is_finite())?))).collect();
     with.sort_by(|a, b| a.1.total_cmp(&b.1));
     Some([*with.first()?, *with.last()?])
 }
@@ -277,10 +272,7 @@ fn peaks(methods: &[Measured]) -> Option<Finding> {
         let [(low, least), (high, most)] = extremes(methods, |m| peak(m, name))?;
         Some((most / least, low, high)).filter(|(ratio, ..)| ratio.is_finite() && least > 0.0)
     };
-    let widest = names
-        .iter()
-        .filter_map(|name| Some((*name, spread(name)?)))
-        .max_by(|a, b| a.1.0.total_cmp(&b.1.0));
+    let widest = names.iter().filter_map(|name| Some((*name, spread(name)?))).max_by(|a, b| a.1.0.total_cmp(&b.1.0));
     let headline = match widest {
         _ if names.is_empty() => return None,
         Some((name, (ratio, low, high))) if !std::ptr::eq(low, high) => match times(ratio) {
@@ -290,11 +282,8 @@ fn peaks(methods: &[Measured]) -> Option<Finding> {
             None => "No clear difference in the pressure peaks at the probes".into(),
         },
         _ => {
-            let (name, peak) = methods
-                .iter()
-                .flat_map(|m| &m.probes)
-                .map(|p| (p.name.as_str(), p.peak))
-                .max_by(|a, b| a.1.value.total_cmp(&b.1.value))?;
+            let (name, peak) =
+                methods.iter().flat_map(|m| &m.probes).map(|p| (p.name.as_str(), p.peak)).max_by(|a, b| a.1.value.total_cmp(&b.1.value))?;
             format!("The highest wall pressure is {} Pa, at {name} at {} s", number(peak.value), number(peak.time))
         }
     };
@@ -307,10 +296,7 @@ fn density(methods: &[Measured]) -> Finding {
         _ => "not known".into(),
     };
     let volume = each(methods, |m| m.volume_error.map_or("not known".into(), signed_percent));
-    let detail = format!(
-        "1st to 99th percentile of the density: {}. Volume error at the end: {volume}.",
-        each(methods, spread)
-    );
+    let detail = format!("1st to 99th percentile of the density: {}. Volume error at the end: {volume}.", each(methods, spread));
     let percent = |error: f64| format!("{} %", number(round_to(100.0 * error, 0.01)));
     let headline = match extremes(methods, Measured::density_error) {
         None => "How well the density is kept cannot be said: the runs left no density percentiles".into(),

@@ -136,7 +136,8 @@ fn a_run_with_nothing_but_provenance_gives_sentences_and_no_panic() {
 #[test]
 fn bad_cells_broken_frames_and_short_files_are_survived() {
     let (dir, runs) = pair("broken");
-    fs::write(runs[0].join("front.csv"), "time [s],front [m],residual_height [m]\n0,0.75,1.5\n0.1,NaN,inf\n0.2,abc\n0.3,1.2,1.0\n").unwrap();
+    fs::write(runs[0].join("front.csv"), "time [s],front [m],residual_height [m]\n0,0.75,1.5\n0.1,NaN,inf\n0.2,abc\n0.3,1.2,1.0\n")
+        .unwrap();
     fs::write(runs[0].join("energy.csv"), "time [s],kinetic [J/m]\n").unwrap();
     fs::write(runs[0].join("summary.json"), "{ not json").unwrap();
     fs::write(runs[0].join("quality.csv"), "").unwrap();

@@ -31,10 +31,7 @@ fn equal_numbers_are_called_no_clear_difference() {
 fn the_better_method_is_named_whichever_comes_first() {
     let [a, b] = twins("words-better");
     for (x, y, best) in [(0.1, 0.02, "isph-paper"), (0.02, 0.1, "wcsph")] {
-        let methods = [
-            Measured { pressure_noise: Some(x), ..a.clone() },
-            Measured { pressure_noise: Some(y), ..b.clone() },
-        ];
+        let methods = [Measured { pressure_noise: Some(x), ..a.clone() }, Measured { pressure_noise: Some(y), ..b.clone() }];
         let text = headlines(&methods);
         assert!(text.contains(&format!("The {best} pressure is 5.0 times smoother")), "{text}");
     }

@@ -36,17 +36,7 @@ pub struct Synthetic {
 
 impl Synthetic {
     pub fn new(method: &'static str) -> Self {
-        Self {
-            method,
-            preset: "water",
-            columns: 12,
-            noise: 0.05,
-            pace: 0.9,
-            end: 1.64,
-            frames: 9,
-            dimension: 2,
-            failed: false,
-        }
+        Self { method, preset: "water", columns: 12, noise: 0.05, pace: 0.9, end: 1.64, frames: 9, dimension: 2, failed: false }
     }
 
     /// Front position at a time, m: `x = L (1 + (T / pace)² / 4)`, `T = t √(2g/L)`, so that the reference
@@ -73,19 +63,23 @@ impl Synthetic {
             }
             text
         };
-        put("energy.csv", table("time [s],kinetic [J/m],potential [J/m],elastic [J/m],total [J/m]", &|t| {
-            let part = (t / self.end).min(1.0);
-            let (kinetic, potential, elastic) = (4000.0 * part * (1.2 - part), 8000.0 * (1.0 - 0.7 * part), 10.0 * part);
-            vec![kinetic, potential, elastic, kinetic + potential + elastic]
-        }));
-        put("front.csv", table("time [s],front [m],residual_height [m]", &|t| {
-            vec![self.front(t), HEIGHT * WIDTH / self.front(t)]
-        }));
-        put("probes.csv", table("time [s],P1 [Pa],P2 [Pa]", &|t| {
-            let hit = |at: f64| PRESSURE * 1.2 * (-(t - at) * (t - at) / 0.004).exp();
-            let speckle = self.noise * PRESSURE * (977.0 * t).sin();
-            vec![if t > 0.6 { hit(0.75) + speckle } else { 0.0 }, if t > 0.65 { 0.5 * hit(0.85) + speckle } else { 0.0 }]
-        }));
+        put(
+            "energy.csv",
+            table("time [s],kinetic [J/m],potential [J/m],elastic [J/m],total [J/m]", &|t| {
+                let part = (t / self.end).min(1.0);
+                let (kinetic, potential, elastic) = (4000.0 * part * (1.2 - part), 8000.0 * (1.0 - 0.7 * part), 10.0 * part);
+                vec![kinetic, potential, elastic, kinetic + potential + elastic]
+            }),
+        );
+        put("front.csv", table("time [s],front [m],residual_height [m]", &|t| vec![self.front(t), HEIGHT * WIDTH / self.front(t)]));
+        put(
+            "probes.csv",
+            table("time [s],P1 [Pa],P2 [Pa]", &|t| {
+                let hit = |at: f64| PRESSURE * 1.2 * (-(t - at) * (t - at) / 0.004).exp();
+                let speckle = self.noise * PRESSURE * (977.0 * t).sin();
+                vec![if t > 0.6 { hit(0.75) + speckle } else { 0.0 }, if t > 0.65 { 0.5 * hit(0.85) + speckle } else { 0.0 }]
+            }),
+        );
         put(
             "quality.csv",
             table(
@@ -108,8 +102,12 @@ impl Synthetic {
         }
         put("frames/frames.pvd", index + "</Collection></VTKFile>\n");
         if self.failed {
-            put("FAILED.json", json!({"format": 1, "error": "velocity of particle 17 is not finite", "exit_code": 4,
-                "field": "velocity", "particle": 17, "time": self.end, "step": 400}).to_string());
+            put(
+                "FAILED.json",
+                json!({"format": 1, "error": "velocity of particle 17 is not finite", "exit_code": 4,
+                "field": "velocity", "particle": 17, "time": self.end, "step": 400})
+                .to_string(),
+            );
         } else {
             put("DONE", String::new());
         }
@@ -117,11 +115,7 @@ impl Synthetic {
     }
 
     fn provenance(&self) -> serde_json::Value {
-        let (low, high) = if self.dimension == 2 {
-            (vec![0.0, 0.0], vec![TANK, TANK])
-        } else {
-            (vec![0.0; 3], vec![TANK, 0.5, TANK])
-        };
+        let (low, high) = if self.dimension == 2 { (vec![0.0, 0.0], vec![TANK, TANK]) } else { (vec![0.0; 3], vec![TANK, 0.5, TANK]) };
         json!({
             "format": 1, "program": "greenwater", "version": "0.1.0",
             "command": ["greenwater", "compare", "dam-break", "--methods", "wcsph,isph-paper"],
