@@ -1,0 +1,108 @@
+//! The sentences follow the numbers: sign, size and absence.
+
+mod common;
+
+use common::{Synthetic, scratch};
+use greenwater_report::measure::{EnergyBudget, Lead, Measured};
+use greenwater_report::run::Run;
+use greenwater_report::words::{duration, findings, number, signed_percent};
+
+/// Two finished methods with equal numbers.
+fn twins(name: &str) -> [Measured; 2] {
+    let dir = scratch(name);
+    ["wcsph", "isph-paper"].map(|method| {
+        let run = Run::read(&Synthetic::new(method).write(&dir.join(method))).unwrap();
+        Measured { wall_seconds: Some(5.0), steps: Some(100), leads: Vec::new(), ..Measured::of(&run, &[]) }
+    })
+}
+
+fn headlines(methods: &[Measured]) -> String {
+    findings(methods).into_iter().map(|f| f.headline).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn equal_numbers_are_called_no_clear_difference() {
+    let text = headlines(&twins("words-equal"));
+    assert!(text.contains("Both methods reached the end"), "{text}");
+    assert_eq!(text.matches("No clear difference").count(), 5, "{text}");
+}
+
+#[test]
+fn the_better_method_is_named_whichever_comes_first() {
+    let [a, b] = twins("words-better");
+    for (x, y, best) in [(0.1, 0.02, "isph-paper"), (0.02, 0.1, "wcsph")] {
+        let methods = [Measured { pressure_noise: Some(x), ..a.clone() }, Measured { pressure_noise: Some(y), ..b.clone() }];
+        let text = headlines(&methods);
+        assert!(text.contains(&format!("The {best} pressure is 5.0 times smoother")), "{text}");
+    }
+}
+
+#[test]
+fn leads_and_lags_are_worded_by_their_sign() {
+    let [mut a, mut b] = twins("words-sign");
+    let lead = |percent| Lead { quantity: "front".into(), reference: "the tank test".into(), level: 2.0, percent };
+    a.leads = vec![lead(4.0), lead(9.0)];
+    b.leads = vec![lead(-6.0), lead(-6.2)];
+    let text = headlines(&[a.clone(), b]);
+    assert!(text.contains("wcsph is 4 to 9 % ahead; isph-paper is 6 % behind"), "{text}");
+    a.leads = vec![lead(-3.0), lead(2.0)];
+    assert!(headlines(&[a]).contains("between 3 % behind and 2 % ahead"));
+}
+
+#[test]
+fn what_is_missing_is_said_to_be_missing() {
+    let [a, b] = twins("words-missing");
+    let empty = |m: &Measured| Measured {
+        completed: false,
+        pressure_noise: None,
+        density: Default::default(),
+        energy: None,
+        probes: Vec::new(),
+        wall_seconds: None,
+        ..m.clone()
+    };
+    let text = headlines(&[empty(&a), empty(&b)]);
+    assert!(text.contains("wcsph and isph-paper did not reach the end"), "{text}");
+    assert!(text.contains("the runs left no noise figure") && text.contains("no density percentiles"), "{text}");
+    assert!(!text.contains("NaN") && !text.contains("inf "), "{text}");
+}
+
+#[test]
+fn energy_that_appears_from_nowhere_is_pointed_out() {
+    let [a, _] = twins("words-energy");
+    let energy = Some(EnergyBudget { initial: 1.0, last: 1.2, max_rise: 0.25 });
+    let all = findings(&[Measured { energy, ..a }]);
+    let finding = all.iter().find(|f| f.headline.contains("energy")).unwrap();
+    assert_eq!(finding.headline, "wcsph gains 20 % of its initial energy");
+    assert!(finding.detail.contains("which no passive flow does: wcsph by 25 %"), "{}", finding.detail);
+}
+
+#[test]
+fn numbers_have_three_digits_and_no_false_ones() {
+    let cases = [
+        (0.0, "0"),
+        (0.004, "0.004"),
+        (14715.0, "14715"),
+        (9.999, "10"),
+        (0.056_01, "0.056"),
+        (-1.5, "\u{2212}1.5"),
+        (1e-9, "10\u{207b}\u{2079}"),
+        (2.5e7, "2.5\u{d7}10\u{2077}"),
+        (f64::NAN, "no value"),
+    ];
+    for (value, text) in cases {
+        assert_eq!(number(value), text, "{value}");
+    }
+    assert_eq!(signed_percent(0.012), "+1.2 %");
+    assert_eq!(signed_percent(-0.5), "\u{2212}50 %");
+    assert_eq!(duration(200.0), "3 min 20 s");
+}
+
+#[test]
+fn a_run_that_stopped_early_is_left_out_of_comparisons() {
+    let [a, b] = twins("words-stopped");
+    let stopped = Measured { completed: false, name: "isph-exact".into(), pressure_noise: Some(1e-6), ..b.clone() };
+    let text = headlines(&[a, b, stopped]);
+    assert!(text.contains("isph-exact did not reach the end"), "{text}");
+    assert!(text.contains("No clear difference in pressure smoothness"), "{text}");
+}
