@@ -100,11 +100,8 @@ const SQRT_PI: f64 = 1.772_453_850_905_516;
 
 impl<const D: usize> Kernel<D> for Gaussian {
     const RADIUS: f64 = 3.0;
-    const SIGMA: f64 = of_dimension::<D>(
-        1.0 / (SQRT_PI * ERF_3),
-        1.0 / (PI * (1.0 - EXP_MINUS_9)),
-        1.0 / (PI * (SQRT_PI * ERF_3 - 6.0 * EXP_MINUS_9)),
-    );
+    const SIGMA: f64 =
+        of_dimension::<D>(1.0 / (SQRT_PI * ERF_3), 1.0 / (PI * (1.0 - EXP_MINUS_9)), 1.0 / (PI * (SQRT_PI * ERF_3 - 6.0 * EXP_MINUS_9)));
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -212,21 +209,13 @@ impl<const D: usize> Kernel<D> for WendlandC4 {
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
         let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 {
-            power(t, 5) * (1.0 + 2.5 * q + 2.0 * q * q)
-        } else {
-            power(t, 6) * (1.0 + 3.0 * q + 35.0 / 12.0 * q * q)
-        }
+        if D == 1 { power(t, 5) * (1.0 + 2.5 * q + 2.0 * q * q) } else { power(t, 6) * (1.0 + 3.0 * q + 35.0 / 12.0 * q * q) }
     }
 
     #[inline(always)]
     fn slope_over_q(self, q: f64) -> f64 {
         let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 {
-            -3.5 * power(t, 4) * (1.0 + 2.0 * q)
-        } else {
-            -14.0 / 3.0 * power(t, 5) * (1.0 + 2.5 * q)
-        }
+        if D == 1 { -3.5 * power(t, 4) * (1.0 + 2.0 * q) } else { -14.0 / 3.0 * power(t, 5) * (1.0 + 2.5 * q) }
     }
 }
 
@@ -254,11 +243,7 @@ impl<const D: usize> Kernel<D> for WendlandC6 {
     #[inline(always)]
     fn slope_over_q(self, q: f64) -> f64 {
         let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 {
-            -power(t, 6) * (4.5 + 13.5 * q + 13.125 * q * q)
-        } else {
-            -5.5 * power(t, 7) * (1.0 + 3.5 * q + 4.0 * q * q)
-        }
+        if D == 1 { -power(t, 6) * (4.5 + 13.5 * q + 13.125 * q * q) } else { -5.5 * power(t, 7) * (1.0 + 3.5 * q + 4.0 * q * q) }
     }
 }
 
@@ -322,15 +307,8 @@ macro_rules! with_kernel {
 
 impl KernelName {
     /// Every kernel, in the order they are listed to users.
-    pub const ALL: [Self; 7] = [
-        Self::CubicSpline,
-        Self::Gaussian,
-        Self::QuarticSpline,
-        Self::QuinticSpline,
-        Self::WendlandC2,
-        Self::WendlandC4,
-        Self::WendlandC6,
-    ];
+    pub const ALL: [Self; 7] =
+        [Self::CubicSpline, Self::Gaussian, Self::QuarticSpline, Self::QuinticSpline, Self::WendlandC2, Self::WendlandC4, Self::WendlandC6];
 
     /// The name as written in a case.
     pub fn name(self) -> &'static str {

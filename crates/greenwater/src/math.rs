@@ -159,9 +159,9 @@ impl<'de, const D: usize> Deserialize<'de> for Vector<D> {
     fn deserialize<T: serde::Deserializer<'de>>(deserializer: T) -> Result<Self, T::Error> {
         let components = Vec::<f64>::deserialize(deserializer)?;
         let found = components.len();
-        <[f64; D]>::try_from(components).map(Self).map_err(|_| {
-            serde::de::Error::custom(format!("{found} numbers given, but this case has {D} dimensions"))
-        })
+        <[f64; D]>::try_from(components)
+            .map(Self)
+            .map_err(|_| serde::de::Error::custom(format!("{found} numbers given, but this case has {D} dimensions")))
     }
 }
 

@@ -307,15 +307,7 @@ mod tests {
     use crate::particles::Particle;
 
     fn medium() -> Medium<2> {
-        Medium {
-            rest_density: 1000.0,
-            viscosity: 0.0,
-            gravity: Vector([0.0, -10.0]),
-            spacing: 0.1,
-            depth: 1.0,
-            floor: 0.0,
-            courant: 0.25,
-        }
+        Medium { rest_density: 1000.0, viscosity: 0.0, gravity: Vector([0.0, -10.0]), spacing: 0.1, depth: 1.0, floor: 0.0, courant: 0.25 }
     }
 
     /// A block of fluid 2 m wide and 1 m high on a lattice, pressures given by `pressure`.
@@ -324,8 +316,16 @@ mod tests {
         for i in 0..20 {
             for j in 0..10 {
                 let x = Vector([0.05 + 0.1 * f64::from(i), 0.05 + 0.1 * f64::from(j)]);
-                let particle =
-                    Particle { kind: Kind::Fluid, layer: 0, x, v: Vector([2.0, 0.0]), mass: 10.0, density: 1000.0, pressure: pressure(x), h: 0.12 };
+                let particle = Particle {
+                    kind: Kind::Fluid,
+                    layer: 0,
+                    x,
+                    v: Vector([2.0, 0.0]),
+                    mass: 10.0,
+                    density: 1000.0,
+                    pressure: pressure(x),
+                    h: 0.12,
+                };
                 p.push(10 * i as u32 + j as u32, particle);
             }
         }
@@ -372,7 +372,19 @@ mod tests {
     #[test]
     fn the_front_is_the_edge_of_the_body_not_of_a_drop_ahead() {
         let mut p = block(|_| 0.0);
-        p.push(999, Particle { kind: Kind::Fluid, layer: 0, x: Vector([3.0, 0.0]), v: Vector::ZERO, mass: 10.0, density: 1e3, pressure: 0.0, h: 0.12 });
+        p.push(
+            999,
+            Particle {
+                kind: Kind::Fluid,
+                layer: 0,
+                x: Vector([3.0, 0.0]),
+                v: Vector::ZERO,
+                mass: 10.0,
+                density: 1e3,
+                pressure: 0.0,
+                h: 0.12,
+            },
+        );
         let mut meter = QualityMeter::new(0.1);
         meter.measure(&p, &medium());
         let front = front(&p, &medium(), 0.0, meter.neighbors());

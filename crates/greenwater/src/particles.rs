@@ -235,16 +235,7 @@ mod tests {
     use super::*;
 
     fn particle(x: f64) -> Particle<2> {
-        Particle {
-            kind: Kind::Fluid,
-            layer: 0,
-            x: Vector([x, 0.0]),
-            v: Vector::ZERO,
-            mass: 2.0,
-            density: 1000.0,
-            pressure: 0.0,
-            h: 0.1,
-        }
+        Particle { kind: Kind::Fluid, layer: 0, x: Vector([x, 0.0]), v: Vector::ZERO, mass: 2.0, density: 1000.0, pressure: 0.0, h: 0.1 }
     }
 
     #[test]

@@ -6,7 +6,6 @@ use std::time::Instant;
 use thiserror::Error;
 
 use crate::domain::Domain;
-use crate::math::Vector;
 use crate::observe::{Observer, View};
 use crate::particles::{Kind, Particles};
 use crate::scheme::{Medium, Scheme, StepError, StepReport};
@@ -215,19 +214,4 @@ impl<const D: usize> Simulation<D> {
         }
         Ok(())
     }
-}
-
-/// A set of particles from an initial state, under the names `0, 1, 2, ...` or those given.
-pub fn particles_of<const D: usize>(initial: &[(u32, crate::particles::Particle<D>)]) -> Particles<D> {
-    let mut p = Particles::new();
-    for &(id, particle) in initial {
-        p.push(id, particle);
-    }
-    p
-}
-
-/// Lowest and highest corner of the particles, m; `None` for an empty set.
-pub fn extent<const D: usize>(p: &Particles<D>) -> Option<(Vector<D>, Vector<D>)> {
-    let first = *p.x.first()?;
-    Some(p.x.iter().fold((first, first), |(low, high), &x| (low.zip(x, f64::min), high.zip(x, f64::max))))
 }

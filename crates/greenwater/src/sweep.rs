@@ -27,9 +27,5 @@ pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values
 
 /// The largest `value(a)` over `0..n`; `-∞` for none, NaN if any value is NaN.
 pub(crate) fn largest(n: usize, value: impl Fn(usize) -> f64 + Sync + Send) -> f64 {
-    (0..n)
-        .into_par_iter()
-        .with_min_len(4 * BLOCK)
-        .map(value)
-        .reduce(|| f64::NEG_INFINITY, |a, b| if a.is_nan() || a > b { a } else { b })
+    (0..n).into_par_iter().with_min_len(4 * BLOCK).map(value).reduce(|| f64::NEG_INFINITY, |a, b| if a.is_nan() || a > b { a } else { b })
 }

@@ -149,9 +149,7 @@ mod tests {
     fn normal_force_is_even_along_a_row() {
         let (spacing, h, y) = (0.1, 0.12, 0.07);
         let total = |x: f64| -> f64 {
-            (-5..=5)
-                .map(|k| normal_force(50.0, spacing, Vector([x - spacing * f64::from(k), y]), Vector([0.0, 1.0]), h)[1])
-                .sum()
+            (-5..=5).map(|k| normal_force(50.0, spacing, Vector([x - spacing * f64::from(k), y]), Vector([0.0, 1.0]), h)[1]).sum()
         };
         for x in [0.0, 0.013, 0.05, 0.099] {
             // 1e-12: round-off of two summands.

@@ -14,8 +14,11 @@ use crate::domain::Domain;
 use crate::kernel::KernelName;
 use crate::math::Vector;
 use crate::particles::{Kind, Particle, Particles, field_table};
+use crate::poisson::SolveError;
 use crate::scheme::wcsph::InitialDensity;
-use crate::scheme::{Medium, MethodName, MethodSettings, Preset};
+use crate::scheme::{IsphPaper, Medium, MethodName, MethodSettings, Preset, Scheme, Wcsph};
+use crate::simulation::Simulation;
+use crate::with_kernel;
 
 /// A checked case in `D` dimensions: what runs. SI units; in 2D everything is per metre of depth.
 #[derive(Clone, Debug, PartialEq)]
@@ -143,8 +146,6 @@ const BYTES_PER_NEIGHBOUR: f64 = 5.0;
 const BYTES_PER_SAMPLE: f64 = 400.0;
 /// One GiB in bytes.
 const GIB: f64 = 1_073_741_824.0;
-/// How far a particle may be beyond the walls before it counts as lost, in spacings.
-const MARGIN: f64 = 4.0;
 
 impl<const D: usize> Setup<D> {
     /// Checks a case and makes its particles. Nothing is allocated for them before the limits have been checked.
@@ -213,6 +214,13 @@ impl<const D: usize> Setup<D> {
         let top = highest(fluid_box, up);
         let floor = -highest(fluid_box, -up);
         let depth = top - floor;
+        let mut resolved_method = method.clone();
+        if let MethodSettings::Wcsph(settings) = &mut resolved_method {
+            let depth = *settings.depth.get_or_insert(depth);
+            settings.floor.get_or_insert(floor);
+            settings.wall_strength.get_or_insert(5.0 * g * depth);
+            settings.wall_range.get_or_insert(dx);
+        }
         if s.fluid.initial_pressure == InitialPressure::Hydrostatic {
             for row in bodies.rows.iter_mut().filter(|row| row.table_id.is_none() && row.particle.kind == Kind::Fluid) {
                 row.particle.pressure = density * g * (top - row.particle.x.dot(up));
@@ -252,7 +260,7 @@ impl<const D: usize> Setup<D> {
         s.output.interval = frame_interval(s);
         s.compare.times = Some(compare.times.clone());
         s.limits.memory_gib = Some(limits.memory_gib);
-        s.method.keys = method::table(&method);
+        s.method.keys = method::table(&resolved_method);
         for name in ["name", "preset"] {
             s.method.keys.remove(name);
         }
@@ -272,7 +280,7 @@ impl<const D: usize> Setup<D> {
             kernel: sections.kernel.name,
             h_over_spacing: ratio,
             smoothing_length: h,
-            method,
+            method: resolved_method,
             time: sections.time,
             bounds,
             probes,
@@ -301,6 +309,19 @@ impl<const D: usize> Setup<D> {
     /// The region that counts, as the neighbour search takes it.
     pub fn domain(&self) -> Domain<D> {
         Domain::new(self.bounds.min, self.bounds.max, self.bounds.periodic)
+    }
+
+    /// The run, ready to start.
+    ///
+    /// # Errors
+    /// Settings of the pressure solver that contradict each other; a checked case has none.
+    pub fn simulation(&self) -> Result<Simulation<D>, SolveError> {
+        let medium = self.medium();
+        let scheme: Box<dyn Scheme<D>> = with_kernel!(self.kernel, kernel => match &self.method {
+            MethodSettings::Wcsph(settings) => Box::new(Wcsph::new(kernel, medium, settings.clone())),
+            MethodSettings::IsphPaper(settings) => Box::new(IsphPaper::new(kernel, medium, settings.clone())?),
+        });
+        Ok(Simulation::new(self.particles.clone(), self.domain(), scheme, &medium, self.time.step))
     }
 }
 
@@ -605,9 +626,9 @@ fn bounds<const D: usize>(
         periodic[axis] = true;
     }
     let (low, high) = join(around(particles.x.iter().copied()), fluid_box);
-    let margin = if particles.count(Kind::Wall) > 0 { Vector::splat(MARGIN * s.fluid.spacing) } else { 2.0 * (high - low) };
+    // Fluid thrown over a wall is not lost: it counts until it is as far away as everything is large.
+    let margin = Vector::splat((high - low).0.into_iter().fold(0.0, f64::max));
     let (mut min, mut max) = (low - margin, high + margin);
-    max[D - 1] = high[D - 1] + 2.0 * (high[D - 1] - low[D - 1]);
     for (key, given, slot) in [("domain.min", &s.domain.min, &mut min), ("domain.max", &s.domain.max, &mut max)] {
         match given {
             Some(numbers) => *slot = vector(numbers, key, source)?,

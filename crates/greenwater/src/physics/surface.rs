@@ -175,9 +175,7 @@ mod tests {
     #[test]
     fn holes_show_from_two_by_two_missing_particles_on() {
         let whole = block::<2>(10);
-        let missing = |hole: &[[f64; 2]]| -> Vec<Vector<2>> {
-            whole.iter().copied().filter(|x| !hole.contains(&x.0)).collect()
-        };
+        let missing = |hole: &[[f64; 2]]| -> Vec<Vector<2>> { whole.iter().copied().filter(|x| !hole.contains(&x.0)).collect() };
         let inside = |points: &[Vector<2>]| -> Vec<Vector<2>> {
             let shows = exposed(points, 1.1);
             points.iter().zip(shows).filter(|(x, shows)| *shows && !on_the_rim(x, 10)).map(|(x, _)| *x).collect()

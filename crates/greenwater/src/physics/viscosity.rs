@@ -76,7 +76,7 @@ mod tests {
     fn stress_has_the_two_thirds_that_the_print_lost() {
         let t = stress(&[Vector([3.0, 2.0]), Vector([0.0, -1.0])]);
         let xx = 2.0 / 3.0 * (2.0 * 3.0 - (-1.0));
-        let yy = 2.0 / 3.0 * (2.0 * (-1.0) - 3.0);
+        let yy = 2.0 / 3.0 * (-2.0 - 3.0);
         assert!((t[0][0] - xx).abs() < 1e-15 && (t[1][1] - yy).abs() < 1e-15);
         assert_eq!((t[0][1], t[1][0]), (2.0, 2.0));
     }

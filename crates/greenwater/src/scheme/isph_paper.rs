@@ -110,9 +110,7 @@ impl IsphPaperSettings {
         };
         match preset {
             Preset::Paper => printed,
-            Preset::Water => {
-                Self { density_source: DensitySource::Front, wall_guard: WallGuard::SetBack, alpha: 0.05, ..printed }
-            }
+            Preset::Water => Self { density_source: DensitySource::Front, wall_guard: WallGuard::SetBack, alpha: 0.05, ..printed },
         }
     }
 }
@@ -278,9 +276,12 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
             DensitySource::Front => dt.max(self.front_step(p)),
         };
         self.source.resize(owned, 0.0);
-        sweep(&mut self.source, |a| {
-            if carries_pressure(p, a) { p.mass[a] * (p.density[a] - rest) / (rest * dt * removal_time) } else { 0.0 }
-        });
+        sweep(
+            &mut self.source,
+            |a| {
+                if carries_pressure(p, a) { p.mass[a] * (p.density[a] - rest) / (rest * dt * removal_time) } else { 0.0 }
+            },
+        );
     }
 
     /// (31): pressure from the predicted density; warm start from the pressure of the step before.

@@ -54,6 +54,10 @@ pub struct WcsphSettings {
     /// Depth `H` of (26), m; left out: the height of the fluid at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<f64>,
+    /// Height of the floor, where `y = 0` in (26), m along the direction against gravity; left out: the lowest point of the
+    /// fluid at the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub floor: Option<f64>,
     /// Density at the start; left out: `given` for particles from a file, else `hydrostatic`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial_density: Option<InitialDensity>,
@@ -98,6 +102,7 @@ impl WcsphSettings {
             stiffness: 200.0,
             stiffness_floor: 0.1,
             depth: None,
+            floor: None,
             initial_density: None,
             alpha: 1.0,
             beta: 1.0,
@@ -149,15 +154,14 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         let walls = match settings.wall_force {
             WallForce::LennardJones => lennard_jones(range),
             WallForce::LennardJonesAttractive => lennard_jones(f64::INFINITY),
-            WallForce::Monaghan2005 => WallForces::Normal {
-                sound: (settings.stiffness * medium.g() * depth).sqrt(),
-                spacing: medium.spacing,
-                normals: Vec::new(),
-            },
+            WallForce::Monaghan2005 => {
+                WallForces::Normal { sound: (settings.stiffness * medium.g() * depth).sqrt(), spacing: medium.spacing, normals: Vec::new() }
+            }
         };
+        let floor = settings.floor.unwrap_or(medium.floor);
         Self {
             kernel,
-            medium: Medium { depth, ..medium },
+            medium: Medium { depth, floor, ..medium },
             settings,
             near: Neighbors::new(),
             walls,
