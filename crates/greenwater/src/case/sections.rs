@@ -186,11 +186,11 @@ pub struct Domain {
     /// Axes (`"x"`, `"y"`, `"z"`) along which the region repeats; these need `min` and `max`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub periodic: Vec<String>,
-    /// Lower corner; left out: 4 spacings beyond the walls, or twice the size of the fluid away where there are no walls.
+    /// Lower corner; left out: as far beyond fluid and walls as they are large together, and ten times as far along gravity's opposite.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("unit" = "m"))]
     pub min: Option<Vec<f64>>,
-    /// Upper corner; left out: as `min`, but along the last axis twice the height of fluid and walls above them.
+    /// Upper corner; left out: as `min`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("unit" = "m"))]
     pub max: Option<Vec<f64>>,

@@ -230,7 +230,7 @@ impl<const D: usize> Setup<D> {
         let fastest = bodies.rows.iter().map(|row| row.particle.v.norm()).fold(0.0, f64::max);
         let particles = bodies.into_particles(source)?;
 
-        let bounds = bounds(s, &particles, fluid_box, source)?;
+        let bounds = bounds(s, &particles, fluid_box, up, source)?;
         let probes = probes(s, &bounds, source)?;
         let compare = compare_plan(s, source)?;
         let output = output_plan(s, &compare, source)?;
@@ -616,6 +616,7 @@ fn bounds<const D: usize>(
     s: &Sections,
     particles: &Particles<D>,
     fluid_box: (Vector<D>, Vector<D>),
+    up: Vector<D>,
     source: &Source,
 ) -> Result<Bounds<D>, CaseError> {
     let mut periodic = [false; D];
@@ -626,9 +627,11 @@ fn bounds<const D: usize>(
         periodic[axis] = true;
     }
     let (low, high) = join(around(particles.x.iter().copied()), fluid_box);
-    // Fluid thrown over a wall is not lost: it counts until it is as far away as everything is large.
-    let margin = Vector::splat((high - low).0.into_iter().fold(0.0, f64::max));
-    let (mut min, mut max) = (low - margin, high + margin);
+    // Fluid thrown over a wall is not lost: it counts until it is as far away as everything is large. What is thrown up comes
+    // back: ten times as far against gravity.
+    let size = (high - low).0.into_iter().fold(0.0, f64::max);
+    let margin = |along_up: f64| size * (1.0 + 9.0 * along_up.max(0.0));
+    let (mut min, mut max) = (low - (-up).map(margin), high + up.map(margin));
     for (key, given, slot) in [("domain.min", &s.domain.min, &mut min), ("domain.max", &s.domain.max, &mut max)] {
         match given {
             Some(numbers) => *slot = vector(numbers, key, source)?,
