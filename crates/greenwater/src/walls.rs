@@ -20,7 +20,8 @@ pub enum WallForces<const D: usize> {
         /// Distance of the last force, m: `r0` for repulsion only.
         cutoff: f64,
     },
-    /// Monaghan (2005), section 5: along the normal of the wall, even along the wall.
+    /// Monaghan (2005), section 5: along the normal of the wall, even along the wall. Wall particle `b` acts on fluid particle
+    /// `a` in front of it with the share `m_b/(m_a + m_b)` of the force.
     Normal {
         /// Speed of sound at rest, m/s.
         sound: f64,
@@ -63,11 +64,12 @@ fn lennard_jones(strength: f64, range: f64, [p1, p2]: [u32; 2], r: f64) -> f64 {
 /// `χ = 1 − x/Δ` within one wall spacing `Δ`, so that a particle sliding along the wall feels an even force;
 /// `Γ = 0.02 c²/y · g(y/h)` with `g = 2/3`, `2q − 3/2 q²`, `(2 − q)²/2` for `q < 2/3`, `< 1`, `< 2` (Monaghan 2005).
 ///
-/// Nearer than a thousandth of `h` the force stays what it is there: the formula has a pole on the wall.
+/// Nearer than a thousandth of `h` the force stays what it is there: the formula has a pole on the wall. Behind the wall
+/// particle (`y < 0`) there is none: fluid on the far side of a thin obstacle does not feel this face.
 fn normal_force<const D: usize>(sound: f64, spacing: f64, x_ab: Vector<D>, normal: Vector<D>, h: f64) -> Vector<D> {
     let along = x_ab.dot(normal);
     let across = (x_ab - along * normal).norm();
-    if across >= spacing || normal == Vector::ZERO {
+    if along < 0.0 || across >= spacing || normal == Vector::ZERO {
         return Vector::ZERO;
     }
     let y = along.max(1e-3 * h);

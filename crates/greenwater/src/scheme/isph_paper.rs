@@ -45,7 +45,8 @@ pub enum DensitySource {
     /// One time step, as printed: source `(ρ0 − ρ*)/(ρ0 Δt²)`. By (32) the step shrinks as the fastest particle speeds up, and the
     /// speed a given overlap turns into grows with it: one particle caught between wall and fluid can run away.
     Step,
-    /// Never less than `τ = C h/(2 sqrt(g H))`, the step of a front at its greatest speed: source `(ρ0 − ρ*)/(ρ0 Δt max(Δt, τ))`.
+    /// Never less than `τ = C min(h)/(2 sqrt(g H))`, the step of a front at its greatest speed: source
+    /// `(ρ0 − ρ*)/(ρ0 Δt max(Δt, τ))`.
     Front,
 }
 
@@ -56,7 +57,7 @@ pub enum WallGuard {
     /// Nothing, as printed: a particle of the surface has no pressure, and neither has the wall under it.
     None,
     /// A particle that would cross the face of a wall, half a spacing before its first line, is set back on the face and loses
-    /// its velocity into the wall.
+    /// its velocity into the wall. One more than a spacing behind the first line is on the far side and stays.
     SetBack,
 }
 
@@ -82,8 +83,8 @@ pub struct IsphPaperSettings {
     pub density_source: DensitySource,
     /// What keeps fluid out of walls besides the pressure.
     pub wall_guard: WallGuard,
-    /// Linear coefficient of an artificial viscosity (13) added to the prediction, dimensionless, >= 0; 0 as printed. Its speed
-    /// of sound is `10 sqrt(2 g H)`, as in the explicit method.
+    /// Linear coefficient of an artificial viscosity (13) between fluid particles, added to the prediction, dimensionless, >= 0;
+    /// 0 as printed. Its speed of sound is `10 sqrt(2 g H)`, as in the explicit method.
     pub alpha: f64,
     /// How pairs are found.
     pub search: Search,
@@ -313,7 +314,7 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
                     let from_wall = x - p.x[pair.b];
                     let depth = face - from_wall.dot(normal);
                     let aside = (from_wall - from_wall.dot(normal) * normal).norm();
-                    if normal != Vector::ZERO && depth > 0.0 && aside <= self.medium.spacing {
+                    if normal != Vector::ZERO && depth > 0.0 && depth <= 3.0 * face && aside <= self.medium.spacing {
                         x += depth * normal;
                         v -= v.dot(normal).min(0.0) * normal;
                     }
