@@ -1,0 +1,37 @@
+//! The same bits for any number of threads. That they are the same for any optimisation level too is for the example
+//! `fingerprint`, run from two builds.
+
+#[path = "../examples/fingerprint.rs"]
+mod example;
+
+use example::fingerprint;
+use greenwater::scheme::MethodName;
+
+/// 4409 particles: more than one block of every kind of sum and sweep.
+fn hash_on(threads: usize, method: MethodName, steps: usize) -> u64 {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| fingerprint("dam-break-40", method, steps).unwrap())
+}
+
+#[test]
+fn wcsph_gives_the_same_bits_on_any_number_of_threads() {
+    let one = hash_on(1, MethodName::Wcsph, 50);
+    for threads in [2, 3] {
+        assert_eq!(hash_on(threads, MethodName::Wcsph, 50), one, "{threads} threads");
+    }
+}
+
+#[test]
+fn isph_gives_the_same_bits_on_any_number_of_threads() {
+    let one = hash_on(1, MethodName::IsphPaper, 50);
+    for threads in [2, 3] {
+        assert_eq!(hash_on(threads, MethodName::IsphPaper, 50), one, "{threads} threads");
+    }
+}
+
+/// A hash that never changed would hold of anything.
+#[test]
+fn another_step_gives_other_bits() {
+    let after = |steps| fingerprint("dam-break-20", MethodName::Wcsph, steps).unwrap();
+    assert_ne!(after(2), after(3));
+}
