@@ -258,6 +258,22 @@ impl FlowSheet {
     }
 }
 
+/// A single picture of particles as an SVG document, in a window that holds all of them.
+pub fn preview(title: &str, dimension: usize, frame: Frame, scales: &Scales) -> String {
+    let view = View::of(dimension, scales);
+    let spacing = scales.spacing.unwrap_or(0.0);
+    let window = [view.across, view.up].map(|axis| {
+        let range = frame.points.iter().map(|point| [point[axis], point[axis]]).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        let [low, high] = range.unwrap_or([0.0, 1.0]);
+        [low - 2.0 * spacing, high + 2.0 * spacing]
+    });
+    let count = |kind: u8| frame.kind.iter().filter(|&&k| k == kind).count();
+    let heading = format!("{} fluid and {} wall particles, spacing {spacing} m", count(0), count(1));
+    let pressure_scale = scales.pressure();
+    let panel = Panel::Picture { heading, frame, pressure_scale, spacing };
+    FlowSheet { title: title.to_owned(), columns: Vec::new(), rows: vec![vec![panel]], window, view, pressure_scale }.svg()
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Layer {
     Wall,

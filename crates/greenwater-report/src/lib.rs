@@ -18,6 +18,7 @@
 //! programs that want tables and plots in the same hand.
 
 mod error;
+pub mod export;
 pub mod flow;
 pub mod measure;
 pub mod page;
@@ -27,4 +28,5 @@ pub mod run;
 pub mod words;
 
 pub use error::ReportError;
+pub use plot::png;
 pub use report::{ReportPaths, write_report};

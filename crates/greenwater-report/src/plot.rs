@@ -8,6 +8,8 @@ use std::sync::{Arc, OnceLock};
 
 use resvg::{tiny_skia, usvg};
 
+use crate::error::ReportError;
+
 /// Colours of series, in order: blue, vermillion, bluish green, reddish purple, orange, sky blue.
 pub const PALETTE: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 
@@ -713,6 +715,17 @@ pub enum PngError {
     #[error("the png encoder failed: {0}")]
     Encode(String),
 }
+
+/// The SVG document `svg`, called `name` in errors, as PNG with two pixels a unit.
+///
+/// # Errors
+/// As [`png_from_svg`].
+pub fn png(name: &str, svg: &str) -> Result<Vec<u8>, ReportError> {
+    png_from_svg(svg, PNG_SCALE).map_err(|error| ReportError::Raster { figure: name.to_owned(), reason: error.to_string() })
+}
+
+/// Pixels of a PNG figure per unit of its SVG.
+const PNG_SCALE: f32 = 2.0;
 
 /// An SVG document as PNG, `scale` pixels a unit. Text uses the built-in font only.
 ///

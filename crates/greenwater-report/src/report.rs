@@ -10,7 +10,7 @@ use crate::error::ReportError;
 use crate::flow::{FlowSheet, Panel, View};
 use crate::measure::{FRONT_LEVELS, HEIGHT_LEVELS, Measured};
 use crate::page::{Block, Cells, Figure, Page, Section, Table};
-use crate::plot::{Axis, Bar, LinePlot, PALETTE, RightAxis, Series, StackedBars, Style, png_from_svg};
+use crate::plot::{Axis, Bar, LinePlot, PALETTE, RightAxis, Series, StackedBars, Style, png};
 use crate::run::{Frame, Outcome, Reference, Run, Spread};
 use crate::words::{self, join, number, quantity, signed_percent};
 
@@ -18,9 +18,6 @@ use crate::words::{self, join, number, quantity, signed_percent};
 ///
 /// Converged inviscid codes lead the dam-break experiments by 10 to 19 %: gate and bed friction.
 const ACCEPTED_LEAD: f64 = 20.0;
-
-/// Pixels of a PNG figure per unit of its SVG.
-const PNG_SCALE: f32 = 2.0;
 
 /// Where a report lies.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,8 +44,7 @@ pub fn write_report(runs: &[PathBuf], out: &Path) -> Result<ReportPaths, ReportE
     let page = report.page(out);
     let mut figures = Vec::new();
     for figure in page.figures() {
-        let png = png_from_svg(&figure.svg, PNG_SCALE)
-            .map_err(|error| ReportError::Raster { figure: figure.name.clone(), reason: error.to_string() })?;
+        let png = png(&figure.name, &figure.svg)?;
         for (extension, bytes) in [("svg", figure.svg.as_bytes()), ("png", png.as_slice())] {
             let path = figures_dir.join(format!("{}.{extension}", figure.name));
             write_file(&path, bytes)?;

@@ -652,49 +652,113 @@ fn read_index(folder: &Path, notes: &mut Vec<String>) -> Vec<FrameEntry> {
     frames
 }
 
+/// A column of a frame.
+#[derive(Clone, Debug)]
+pub struct FrameColumn {
+    /// Its name.
+    pub name: String,
+    /// Numbers of one particle: 1, or 3 for a vector.
+    pub components: usize,
+    /// Whether it holds whole numbers.
+    pub whole: bool,
+    /// The numbers, particle by particle.
+    pub values: Vec<f64>,
+}
+
+/// A frame with everything in it.
+#[derive(Clone, Debug)]
+pub struct FrameColumns {
+    /// Positions, m; z = 0 in 2D.
+    pub points: Vec<[f64; 3]>,
+    /// All columns, as the file has them.
+    pub columns: Vec<FrameColumn>,
+}
+
+/// Reads everything in a frame.
+///
+/// # Errors
+/// If the file is missing or no VTK XML PolyData file.
+pub fn read_columns(path: &Path) -> Result<FrameColumns, FrameError> {
+    let text = fs::read_to_string(path).map_err(|source| FrameError::Io { path: path.to_owned(), source })?;
+    let malformed = |reason| FrameError::Malformed { path: path.to_owned(), reason };
+    let document = roxmltree::Document::parse(&text).map_err(|error| malformed(error.to_string()))?;
+    let read = || {
+        let piece = Piece::of(&document)?;
+        let nodes = piece.node.children().filter(|node| node.has_tag_name("PointData")).flat_map(|node| node.children());
+        let column = |node: roxmltree::Node<'_, '_>| {
+            let components = node.attribute("NumberOfComponents").and_then(|n| n.parse().ok()).unwrap_or(1);
+            Ok(FrameColumn {
+                name: node.attribute("Name").unwrap_or_default().to_owned(),
+                components,
+                whole: !node.attribute("type").unwrap_or_default().starts_with("Float"),
+                values: piece.encoding.numbers(node, piece.count, components)?,
+            })
+        };
+        let columns = nodes.filter(|node| node.has_tag_name("DataArray")).map(column).collect::<Result<_, String>>()?;
+        Ok(FrameColumns { points: piece.points()?, columns })
+    };
+    read().map_err(malformed)
+}
+
 /// Reads positions, pressure and kind from the text of a VTK XML PolyData file with inline arrays.
 fn parse_vtp(text: &str) -> Result<Frame, String> {
     let document = roxmltree::Document::parse(text).map_err(|error| error.to_string())?;
-    let root = document.root_element();
-    if root.attribute("type") != Some("PolyData") {
-        return Err("not a VTK XML file of type PolyData".into());
+    let piece = Piece::of(&document)?;
+    let column = |name: &str| piece.array("PointData", Some(name)).map(|node| piece.encoding.numbers(node, piece.count, 1)).transpose();
+    Ok(Frame {
+        points: piece.points()?,
+        pressure: column("pressure")?.unwrap_or_else(|| vec![f64::NAN; piece.count]),
+        kind: column("kind")?.map_or_else(|| vec![0; piece.count], |kinds| kinds.into_iter().map(|k| k as u8).collect()),
+    })
+}
+
+/// The one piece of a VTK XML PolyData file.
+struct Piece<'a> {
+    node: roxmltree::Node<'a, 'a>,
+    encoding: Encoding,
+    /// Number of points.
+    count: usize,
+}
+
+impl<'a> Piece<'a> {
+    fn of(document: &'a roxmltree::Document<'a>) -> Result<Self, String> {
+        let root = document.root_element();
+        if root.attribute("type") != Some("PolyData") {
+            return Err("not a VTK XML file of type PolyData".into());
+        }
+        if root.attribute("byte_order").is_some_and(|order| order != "LittleEndian") {
+            return Err("byte order is not LittleEndian".into());
+        }
+        let encoding = Encoding {
+            wide_header: root.attribute("header_type") == Some("UInt64"),
+            compressed: match root.attribute("compressor") {
+                None => false,
+                Some("vtkZLibDataCompressor") => true,
+                Some(other) => return Err(format!("compressor `{other}` is not vtkZLibDataCompressor")),
+            },
+        };
+        let pieces = || document.descendants().filter(|node| node.has_tag_name("Piece"));
+        if pieces().count() != 1 {
+            return Err(format!("{} pieces, expected 1", pieces().count()));
+        }
+        let piece = pieces().next().ok_or("no piece")?;
+        let count: usize =
+            piece.attribute("NumberOfPoints").and_then(|n| n.parse().ok()).ok_or("NumberOfPoints is missing or no number")?;
+        Ok(Self { node: piece, encoding, count })
     }
-    if root.attribute("byte_order").is_some_and(|order| order != "LittleEndian") {
-        return Err("byte order is not LittleEndian".into());
+
+    /// The array `name` of a section, or its first one.
+    fn array(&self, section: &str, name: Option<&str>) -> Option<roxmltree::Node<'a, 'a>> {
+        let sections = self.node.children().filter(|node| node.has_tag_name(section));
+        let mut arrays = sections.flat_map(|node| node.children()).filter(|node| node.has_tag_name("DataArray"));
+        arrays.find(|node| name.is_none_or(|name| node.attribute("Name") == Some(name)))
     }
-    let encoding = Encoding {
-        wide_header: root.attribute("header_type") == Some("UInt64"),
-        compressed: match root.attribute("compressor") {
-            None => false,
-            Some("vtkZLibDataCompressor") => true,
-            Some(other) => return Err(format!("compressor `{other}` is not vtkZLibDataCompressor")),
-        },
-    };
-    let pieces = || document.descendants().filter(|node| node.has_tag_name("Piece"));
-    if pieces().count() != 1 {
-        return Err(format!("{} pieces, expected 1", pieces().count()));
+
+    fn points(&self) -> Result<Vec<[f64; 3]>, String> {
+        let node = self.array("Points", None).ok_or("no Points array")?;
+        let values = self.encoding.numbers(node, self.count, 3)?;
+        Ok(values.chunks_exact(3).map(|x| [x[0], x[1], x[2]]).collect())
     }
-    let piece = pieces().next().ok_or("no piece")?;
-    let count: usize = piece.attribute("NumberOfPoints").and_then(|n| n.parse().ok()).ok_or("NumberOfPoints is missing or no number")?;
-    let array = |parent: &str, name: Option<&str>| {
-        piece
-            .children()
-            .filter(|node| node.has_tag_name(parent))
-            .flat_map(|node| node.children())
-            .find(|node| node.has_tag_name("DataArray") && name.is_none_or(|name| node.attribute("Name") == Some(name)))
-    };
-    let positions = array("Points", None).ok_or("no Points array")?;
-    let values = encoding.numbers(positions, count, 3)?;
-    let points = values.chunks_exact(3).map(|x| [x[0], x[1], x[2]]).collect();
-    let pressure = match array("PointData", Some("pressure")) {
-        Some(node) => encoding.numbers(node, count, 1)?,
-        None => vec![f64::NAN; count],
-    };
-    let kind = match array("PointData", Some("kind")) {
-        Some(node) => encoding.numbers(node, count, 1)?.into_iter().map(|k| k as u8).collect(),
-        None => vec![0; count],
-    };
-    Ok(Frame { points, pressure, kind })
 }
 
 /// How the arrays of a VTK XML file are stored.

@@ -13,6 +13,7 @@
 //! # Ok::<(), greenwater::case::CaseError>(())
 //! ```
 
+mod audit;
 mod error;
 mod method;
 mod particle_file;
@@ -28,6 +29,7 @@ use std::path::{Path, PathBuf};
 
 use toml::Value;
 
+pub use audit::Audit;
 pub use error::{CaseError, Choices, Place};
 pub use reference::{KeyRow, reference, schema};
 pub use sections::{

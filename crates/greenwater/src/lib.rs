@@ -3,9 +3,11 @@
 pub mod case;
 pub mod domain;
 pub mod kernel;
+pub mod machine;
 pub mod math;
 pub mod neighbors;
 pub mod observe;
+pub mod output;
 pub mod particles;
 pub mod physics;
 pub mod poisson;

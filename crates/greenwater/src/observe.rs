@@ -36,7 +36,7 @@ pub trait Observer<const D: usize> {
     /// Called at the start and after every step.
     ///
     /// # Errors
-    /// A file could not be written.
+    /// A file could not be written. An error of kind [`io::ErrorKind::Interrupted`] ends the run in good order.
     fn observe(&mut self, view: &View<D>) -> io::Result<()>;
 
     /// Called once when the run has ended, well or badly, with the last good state.
@@ -108,6 +108,31 @@ pub fn front<const D: usize>(p: &Particles<D>, medium: &Medium<D>, back: f64, ne
         }
     }
     result
+}
+
+/// Measures [`front`]; keeps its work space.
+#[derive(Clone, Debug, Default)]
+pub struct FrontMeter<const D: usize> {
+    near: Neighbors<D>,
+    wide: Particles<D>,
+}
+
+impl<const D: usize> FrontMeter<D> {
+    /// A meter.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Front and residual height; `back` is the position of the back wall along `x`, m.
+    pub fn measure(&mut self, p: &Particles<D>, medium: &Medium<D>, back: f64) -> Front {
+        self.wide.clone_from(p);
+        // A search radius of two spacings: "h" of one and a support of two.
+        self.wide.h.fill(medium.spacing);
+        match self.near.build(&self.wide, 2.0, Search::Grid) {
+            Ok(()) => front(p, medium, back, &self.near),
+            Err(_) => Front { front: f64::NAN, residual_height: f64::NAN },
+        }
+    }
 }
 
 /// Pressure at a point of a wall, Pa: the average of the fluid within two smoothing lengths, weighted with a Wendland C2 kernel

@@ -188,8 +188,10 @@ pub enum FieldValue<const D: usize> {
     Scalar(f64),
     /// A vector.
     Vector(Vector<D>),
-    /// A whole number: identities, kinds and flags.
+    /// A whole number: identities.
     Integer(u32),
+    /// A small whole number: kinds and flags.
+    Flag(u8),
 }
 
 /// A row of the field table: what a user may name in `output.fields`.
@@ -206,7 +208,7 @@ pub struct Field<const D: usize> {
 
 /// Names, units and meanings of all fields, in the order they are listed to users.
 pub fn field_table<const D: usize>() -> [Field<D>; 13] {
-    use FieldValue::{Integer, Scalar, Vector as Components};
+    use FieldValue::{Flag, Integer, Scalar, Vector as Components};
     let depth = if D == 2 { "kg/m" } else { "kg" };
     macro_rules! field {
         ($name:literal, $unit:expr, $text:literal, $value:expr) => {
@@ -218,15 +220,15 @@ pub fn field_table<const D: usize>() -> [Field<D>; 13] {
         field!("velocity", "m/s", "velocity", |p, a| Components(p.v[a])),
         field!("density", "kg/m3", "density", |p, a| Scalar(p.density[a])),
         field!("pressure", "Pa", "pressure", |p, a| Scalar(p.pressure[a])),
-        field!("kind", "1", "0 fluid, 1 wall, 2 lost: left the domain", |p, a| Integer(p.kind[a] as u32)),
+        field!("kind", "1", "0 fluid, 1 wall, 2 lost: left the domain", |p, a| Flag(p.kind[a] as u8)),
         field!("id", "1", "name of the particle, kept for the whole run", |p, a| Integer(p.id[a])),
         field!("mass", depth, "mass (per metre of depth in 2D)", |p, a| Scalar(p.mass[a])),
         field!("smoothing_length", "m", "smoothing length h", |p, a| Scalar(p.h[a])),
         field!("volume", if D == 2 { "m2" } else { "m3" }, "mass over density", |p, a| Scalar(p.volume(a))),
         field!("acceleration", "m/s2", "acceleration of the last evaluation", |p, a| Components(p.acceleration[a])),
         field!("density_rate", "kg/(m3 s)", "rate of change of density of the last evaluation", |p, a| Scalar(p.density_rate[a])),
-        field!("surface", "1", "1 where the method sees a free surface", |p, a| Integer(p.surface[a] as u32)),
-        field!("layer", "1", "line of a wall particle, 1 touches the fluid; 0 for fluid", |p, a| Integer(p.layer[a] as u32)),
+        field!("surface", "1", "1 where the method sees a free surface", |p, a| Flag(p.surface[a])),
+        field!("layer", "1", "line of a wall particle, 1 touches the fluid; 0 for fluid", |p, a| Flag(p.layer[a])),
     ]
 }
 

@@ -1,5 +1,6 @@
 //! The methods: one file a published method, and the list of them.
 
+mod describe;
 pub mod isph_paper;
 pub mod wcsph;
 
@@ -13,6 +14,7 @@ use crate::particles::Particles;
 use crate::poisson::SolveError;
 use crate::time::{Phases, StepLimit};
 
+pub use describe::Distinction;
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
 pub use wcsph::{Wcsph, WcsphSettings};
 
@@ -77,6 +79,26 @@ pub enum StepError {
         /// The bound, m/s.
         limit: f64,
     },
+}
+
+impl StepError {
+    /// Name of the field that went wrong.
+    pub fn field(&self) -> &'static str {
+        match self {
+            Self::Search(_) => "position",
+            Self::Pressure(_) => "pressure",
+            Self::NotFinite { field, .. } => field,
+            Self::Runaway { .. } => "velocity",
+        }
+    }
+
+    /// Name (`id`) of the particle that went wrong, where it is one.
+    pub fn particle(&self) -> Option<u32> {
+        match self {
+            Self::NotFinite { particle, .. } | Self::Runaway { particle, .. } => Some(*particle),
+            Self::Search(_) | Self::Pressure(_) => None,
+        }
+    }
 }
 
 /// The fluid and the forces on it: what every method needs to know.

@@ -26,9 +26,28 @@ pub enum RunError {
         /// Number of the step, counted from 1.
         step: u64,
     },
+    /// An observer asked for the end: its error was [`io::ErrorKind::Interrupted`].
+    #[error("stopped at t = {time:.6} s (step {step})")]
+    Interrupted {
+        /// Time reached, s.
+        time: f64,
+        /// Steps made.
+        step: u64,
+    },
     /// A file of the run could not be written.
     #[error("cannot write the run: {0}")]
     Output(#[from] io::Error),
+}
+
+impl RunError {
+    /// Exit code of a program that ends with this error: 4 for an instability, 5 for output, 130 when stopped.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Step { .. } => 4,
+            Self::Interrupted { .. } => 130,
+            Self::Output(_) => 5,
+        }
+    }
 }
 
 /// When a run stops.
@@ -135,8 +154,9 @@ impl<const D: usize> Simulation<D> {
     /// Starts, steps until `stop` says so, and shows every state to the observers.
     ///
     /// # Errors
-    /// A step failed, or an observer could not write. The observers have then finished with the last good state.
-    pub fn run(&mut self, stop: Stop, observers: &mut [Box<dyn Observer<D> + '_>]) -> Result<(), RunError> {
+    /// A step failed, an observer asked for the end, or one could not write. But for the last, the observers have then finished
+    /// with the last good state.
+    pub fn run(&mut self, stop: Stop, observers: &mut [&mut dyn Observer<D>]) -> Result<(), RunError> {
         let clock = Instant::now();
         self.start()?;
         let mut last = (None, StepReport::default());
@@ -146,7 +166,13 @@ impl<const D: usize> Simulation<D> {
             match self.advance() {
                 Ok((limit, report)) => {
                     last = (Some(limit), report);
-                    self.show(observers, last, clock)?;
+                    match self.show(observers, last, clock) {
+                        Err(RunError::Output(error)) if error.kind() == io::ErrorKind::Interrupted => {
+                            outcome = Err(RunError::Interrupted { time: self.time, step: self.step });
+                            break;
+                        }
+                        shown => shown?,
+                    }
                 }
                 Err(error) => {
                     outcome = Err(error);
@@ -161,12 +187,7 @@ impl<const D: usize> Simulation<D> {
         outcome
     }
 
-    fn show(
-        &self,
-        observers: &mut [Box<dyn Observer<D> + '_>],
-        last: (Option<StepLimit>, StepReport),
-        clock: Instant,
-    ) -> Result<(), RunError> {
+    fn show(&self, observers: &mut [&mut dyn Observer<D>], last: (Option<StepLimit>, StepReport), clock: Instant) -> Result<(), RunError> {
         let view = self.view(last, clock);
         for observer in observers {
             observer.observe(&view)?;

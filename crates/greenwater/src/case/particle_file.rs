@@ -6,7 +6,7 @@ use std::path::Path;
 use super::error::{CaseError, Choices};
 use super::shape::AXES;
 use crate::math::Vector;
-use crate::particles::{Kind, Particle};
+use crate::particles::{Kind, Particle, field_table};
 
 /// The numbers of a table, after `id` and `kind`.
 fn number_columns(dimension: usize) -> Vec<String> {
@@ -20,7 +20,7 @@ fn number_columns(dimension: usize) -> Vec<String> {
 /// A row of a table: identity, state and the line it stood in (counted from 1).
 pub(super) type Row<const D: usize> = (u32, Particle<D>, usize);
 
-/// Reads the table at `path`: one header line, a row a particle, numbers in SI units. At most `limit` rows.
+/// Reads the table at `path`: one header line (columns of further fields, as `greenwater export --all-fields` adds them, are skipped), a row a particle, numbers in SI units. At most `limit` rows.
 ///
 /// # Errors
 /// Unreadable files; missing, unknown or repeated columns; ragged rows; numbers that are not finite; `density`, `mass` or `h`
@@ -76,7 +76,7 @@ fn parse<const D: usize>(file: &str, mut input: impl BufRead, limit: u64) -> Res
         return Err(table(1, format!("column `{missing}` is missing; the columns are {}", required.join(","))).into());
     }
     for (i, name) in header.iter().enumerate() {
-        if name != "layer" && !required.contains(name) {
+        if name != "layer" && !required.contains(name) && !is_field(name) {
             let hint = Choices::new(name, ["layer"]).hint();
             return Err(
                 table(1, format!("unknown column `{name}`{hint}; the columns are {} and, if wanted, layer", required.join(","))).into()
@@ -164,6 +164,12 @@ fn wrong_id(file: &str, (id, row): (u32, usize), first: usize) -> CaseError {
         value: id.to_string(),
         rule: format!("unique; row {first} has the same"),
     }
+}
+
+/// Whether `name` is a column that an export may add and a case has no use for: a field of frames, vectors as `name_x`.
+fn is_field(name: &str) -> bool {
+    let plain = AXES.iter().find_map(|axis| name.strip_suffix(&format!("_{axis}"))).unwrap_or(name);
+    field_table::<3>().iter().any(|field| field.name == plain)
 }
 
 /// A column's name without the unit (`x [m]`) that some tables give.

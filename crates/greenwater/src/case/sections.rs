@@ -221,14 +221,15 @@ pub struct Output {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schemars(extend("unit" = "s", "rule" = ">= 0"))]
     pub times: Vec<f64>,
-    /// Columns of a frame besides the position.
+    /// Columns of a frame besides the position and `id`, `kind`, `layer`, `mass`, `smoothing_length`, which every frame has.
     #[schemars(extend("rule" = "names of the field table"))]
     pub fields: Vec<String>,
     /// Number format of frames.
     pub precision: Precision,
-    /// Time between rows of the tables (probes, energies, front); 0: every step.
+    /// Time between rows of the tables (probes, energies, front); 0: every step; left out: a thousandth of the run.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("unit" = "s", "rule" = ">= 0"))]
-    pub sample_interval: f64,
+    pub sample_interval: Option<f64>,
 }
 
 impl Default for Output {
@@ -238,7 +239,7 @@ impl Default for Output {
             times: Vec::new(),
             fields: ["velocity", "density", "pressure", "kind", "id"].map(String::from).to_vec(),
             precision: Precision::default(),
-            sample_interval: 0.0,
+            sample_interval: None,
         }
     }
 }

@@ -1,0 +1,81 @@
+//! A look at the geometry of a case before it runs.
+
+use serde::Serialize;
+
+use super::setup::Setup;
+use crate::neighbors::{Neighbors, Search};
+use crate::particles::{Kind, Particles};
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Audit {
+    /// Smallest distance between two particles, m; none within four spacings: infinite.
+    pub closest: f64,
+    /// Smallest distance between a fluid and a wall particle, m; none within four spacings: infinite.
+    pub fluid_to_wall: f64,
+    /// Mass of the fluid, kg (kg/m in 2D).
+    pub fluid_mass: f64,
+    /// All that in one line.
+    pub text: String,
+    /// What may surprise, a sentence each; empty if nothing.
+    pub warnings: Vec<String>,
+}
+
+/// How far the audit looks, in spacings.
+const REACH: f64 = 4.0;
+
+impl<const D: usize> Setup<D> {
+    /// Looks at distances, volumes and walls of the initial particles.
+    pub fn audit(&self) -> Audit {
+        let (dx, p) = (self.spacing, &self.particles);
+        let (closest, fluid_to_wall) = distances(p, dx);
+        let fluid_mass: f64 = (0..p.owned()).filter(|&a| p.is_fluid(a)).map(|a| p.mass[a]).sum();
+        let mut warnings = Vec::new();
+        let layers = (0..p.owned()).map(|a| p.layer[a]).max().unwrap_or(0);
+        let (depth, support) = (f64::from(layers) * dx, self.kernel.radius() * self.smoothing_length);
+        if layers == 0 {
+            warnings.push("there are no walls: the fluid falls freely".to_owned());
+        } else if depth < support {
+            warnings.push(format!(
+                "walls are {depth:.4} m deep, but the kernel reaches {support:.4} m: fluid at a wall misses neighbours; more `walls.layers` help"
+            ));
+        }
+        if closest < 0.5 * dx {
+            warnings.push(format!("two particles are only {:.3} spacings apart: expect a violent start", closest / dx));
+        }
+        if layers > 0 && fluid_to_wall > 1.5 * dx {
+            warnings.push("no fluid touches a wall at the start".to_owned());
+        }
+        let spacings = |distance: f64| if distance.is_finite() { format!("{:.3} spacings", distance / dx) } else { "far".to_owned() };
+        let (unit, mass_unit) = if D == 2 { ("m2", "kg/m") } else { ("m3", "kg") };
+        let text = format!(
+            "fluid {:.4} m wide, {:.4} m high, {:.4} {unit}, {fluid_mass:.1} {mass_unit}; nearest particles {} apart, fluid and wall {}",
+            self.width,
+            self.depth,
+            self.fluid_volume,
+            spacings(closest),
+            spacings(fluid_to_wall)
+        );
+        Audit { closest, fluid_to_wall, fluid_mass, text, warnings }
+    }
+}
+
+/// Smallest distances: of any two particles, and of fluid and wall, m.
+fn distances<const D: usize>(p: &Particles<D>, dx: f64) -> (f64, f64) {
+    let mut wide = p.clone();
+    wide.h.fill(0.5 * REACH * dx);
+    let mut near = Neighbors::new();
+    let (mut closest, mut fluid_to_wall) = (f64::INFINITY, f64::INFINITY);
+    // Positions of a setup are finite, which is all that a search asks for.
+    if near.build(&wide, 2.0, Search::Grid).is_ok() {
+        for a in 0..p.owned() {
+            near.for_each(a, |pair| {
+                closest = closest.min(pair.r);
+                if p.kind[a] == Kind::Fluid && p.kind[pair.b] == Kind::Wall {
+                    fluid_to_wall = fluid_to_wall.min(pair.r);
+                }
+            });
+        }
+    }
+    (closest, fluid_to_wall)
+}

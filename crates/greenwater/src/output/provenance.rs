@@ -1,0 +1,66 @@
+//! Where a run comes from: `provenance.json`.
+
+use serde_json::{Value, json};
+
+use crate::case::Setup;
+use crate::machine::Machine;
+use crate::math::Vector;
+use crate::particles::Particles;
+
+/// What `provenance.json` says. `command` is the command line, word by word.
+pub(super) fn provenance<const D: usize>(setup: &Setup<D>, command: &[String], started: &str) -> Value {
+    let (min, max) = extent(&setup.particles);
+    let references: Vec<Value> = setup.compare.references.iter().map(|reference| json!(reference)).collect();
+    let probes: Vec<Value> = setup.probes.iter().map(|probe| json!({"name": probe.name, "position": probe.position.0.to_vec()})).collect();
+    let mut value = json!({
+        "format": 1,
+        "program": "greenwater",
+        "version": env!("CARGO_PKG_VERSION"),
+        "command": command,
+        "case": setup.name,
+        "title": setup.title,
+        "method": setup.method.method().name(),
+        "method_title": setup.method.method().title(),
+        "preset": setup.method.preset_name().name(),
+        "dimension": D,
+        "started": started,
+        "machine": Machine::here(),
+        "threads": rayon::current_num_threads(),
+        "kernel": {
+            "name": setup.kernel.name(),
+            "smoothing_length_m": setup.smoothing_length,
+            "h_over_spacing": setup.h_over_spacing,
+        },
+        "particles": {"fluid": setup.estimate.fluid, "wall": setup.estimate.walls},
+        "time_step_rule": setup.method.time_step_rule(setup.time.courant, setup.time.step),
+        "departures": setup.method.departures(setup.viscosity, setup.kernel),
+        "distinctions": setup.method.distinctions(),
+        "scales": {
+            "rest_density": setup.rest_density,
+            "gravity": setup.gravity.norm(),
+            "height": setup.depth,
+            "width": setup.width,
+            "spacing": setup.spacing,
+            "fluid_volume": setup.fluid_volume,
+            "box": {"min": min.0.to_vec(), "max": max.0.to_vec()},
+        },
+        "compare": {"times": setup.compare.times, "references": references},
+        "probes": probes,
+    });
+    if let Some(axis) = up_axis(setup.gravity) {
+        value["scales"]["up_axis"] = json!(axis);
+    }
+    value
+}
+
+/// Corners of the smallest box around all particles, m.
+fn extent<const D: usize>(p: &Particles<D>) -> (Vector<D>, Vector<D>) {
+    let corners = p.x[..p.owned()].iter().map(|&x| (x, x));
+    corners.reduce(|a, b| (a.0.zip(b.0, f64::min), a.1.zip(b.1, f64::max))).unwrap_or_default()
+}
+
+/// The axis that gravity points against most; none without gravity.
+fn up_axis<const D: usize>(gravity: Vector<D>) -> Option<usize> {
+    let strongest = (0..D).reduce(|a, b| if gravity[b].abs() > gravity[a].abs() { b } else { a })?;
+    (gravity[strongest] != 0.0).then_some(strongest)
+}
