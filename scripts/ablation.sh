@@ -13,11 +13,11 @@ fi
 cargo build --quiet --release
 greenwater=target/release/greenwater
 
-# The value of the first line `"key": value` of a file of one key a line; a dash where there is none.
+# value FILE KEY FORMAT: the number in the first line `"KEY": number` of a file of one key a line; a dash where there is none.
 value() {
     local found
-    found=$(sed -n "s/^ *\"$2\": \([^,]*\),\{0,1\}$/\1/p" "$1" 2>/dev/null | head -n 1)
-    printf '%s' "${found:--}"
+    found=$(sed -n "s/^ *\"$2\": \([-+.0-9eE]*\),*$/\1/p" "$1" | head -n 1)
+    if [ -n "$found" ]; then printf "$3" "$found"; else printf -- -; fi
 }
 
 # variant TITLE KEY=VALUE...: runs it and prints its row.
@@ -36,8 +36,8 @@ variant() {
     local end
     if [ "$status" = 0 ]; then end="done"; else end="exit $status"; fi
     local summary="$run/summary.json"
-    printf '| %s | %s | %.3f | %s | %.3f | %.3g |\n' "$title" "$end" "$(value "$summary" end_time)" \
-        "$(value "$summary" lost_particles)" "$(value "$summary" max_rise)" "$(value "$summary" pressure_noise)"
+    echo "| $title | $end | $(value "$summary" end_time %.3f) | $(value "$summary" lost_particles %d) |" \
+        "$(value "$summary" max_rise %.3g) | $(value "$summary" pressure_noise %.3g) |"
 }
 
 mkdir -p "$dir"
