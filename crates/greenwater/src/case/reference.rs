@@ -201,7 +201,8 @@ mod tests {
         assert_eq!(find("domain.min").map(|row| row.kind.as_str()), Some("list of numbers"));
         assert_eq!(find("output.precision").map(|row| row.rule.as_str()), Some("one of float64, float32"));
         assert!(find("probe[].position").is_some());
-        let alpha = find("method(wcsph).alpha").map(|row| (row.kind.as_str(), row.default.as_str(), row.text.ends_with("Preset `paper`: `1.0`.")));
+        let alpha =
+            find("method(wcsph).alpha").map(|row| (row.kind.as_str(), row.default.as_str(), row.text.ends_with("Preset `paper`: `1.0`.")));
         assert_eq!(alpha, Some(("number", "0.05", true)));
         assert_eq!(find("method(isph-paper).solver.tolerance").map(|row| row.default.as_str()), Some("1e-6"));
         assert_eq!(find("method(isph-paper).wall_guard").map(|row| row.choices.len()), Some(2));
