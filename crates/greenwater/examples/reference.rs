@@ -1,6 +1,6 @@
 //! Prints the reference of the case format, `docs/src/reference/case.md`, from the doc comments of the code:
 //!
-//! `cargo run --example reference > docs/src/reference/case.md`
+//! `cargo run -p greenwater --example reference > docs/src/reference/case.md`
 
 use std::fmt::Write;
 
@@ -13,7 +13,7 @@ use greenwater::scheme::MethodName;
 pub fn page() -> String {
     let mut page = String::from(
         "# Case format\n\n\
-         <!-- Made by `cargo run --example reference > docs/src/reference/case.md`. Edit the doc comments, not this page. -->\n\n\
+         <!-- Made by `cargo run -p greenwater --example reference > docs/src/reference/case.md`. Edit the doc comments, not this page. -->\n\n\
          A case is a TOML file, `case.toml`, in UTF-8. All numbers are in SI units. Keys that are not listed here are errors.\n\
          `[]` stands for each item of a list. The keys of one section:\n\n",
     );

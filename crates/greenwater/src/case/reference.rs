@@ -135,7 +135,7 @@ fn at<'a>(table: &'a toml::Table, key: &str) -> Option<&'a toml::Value> {
 
 fn row(key: String, kind: String, property: &Value) -> KeyRow {
     let text = |name: &str| one_line(property[name].as_str().unwrap_or_default());
-    let variants = property["oneOf"].as_array().into_iter().flatten();
+    let variants = present(property)["oneOf"].as_array().into_iter().flatten();
     let choices: Vec<(String, String)> = variants
         .filter_map(|choice| Some((choice["const"].as_str()?.to_owned(), one_line(choice["description"].as_str().unwrap_or_default()))))
         .collect();
@@ -146,6 +146,11 @@ fn row(key: String, kind: String, property: &Value) -> KeyRow {
         value => value.to_string(),
     };
     KeyRow { key, kind, unit: text("unit"), default, rule, text: text("description"), choices }
+}
+
+/// What a value is where it is given: an optional choice is written as that choice or null.
+fn present(property: &Value) -> &Value {
+    property["anyOf"].as_array().and_then(|kinds| kinds.iter().find(|kind| kind["type"] != "null")).unwrap_or(property)
 }
 
 /// Paragraphs as one line of text.
@@ -164,6 +169,7 @@ fn kind_of(property: &Value) -> String {
         }
         .to_owned()
     };
+    let property = present(property);
     match &property["type"] {
         Value::String(kind) if kind == "array" => match &property["items"]["type"] {
             Value::String(inner) => format!("list of {}s", name(inner).replace("text", "name")),
@@ -204,7 +210,8 @@ mod tests {
         let alpha =
             find("method(wcsph).alpha").map(|row| (row.kind.as_str(), row.default.as_str(), row.text.ends_with("Preset `paper`: `1.0`.")));
         assert_eq!(alpha, Some(("number", "0.05", true)));
-        assert_eq!(find("method(isph-paper).solver.tolerance").map(|row| row.default.as_str()), Some("1e-6"));
+        assert_eq!(find("method(isph-paper).solver.tolerance").map(|row| row.default.as_str()), Some("0.000001"));
+        assert_eq!(find("method(wcsph).initial_density").map(|row| (row.kind.as_str(), row.choices.len())), Some(("text", 2)));
         assert_eq!(find("method(isph-paper).wall_guard").map(|row| row.choices.len()), Some(2));
         assert_eq!(meaning("probe[3].position"), "Where it is, one number an axis. (m)");
         assert_eq!(meaning("walls.shapes[0].box.min"), "Lower corner. (m)");
