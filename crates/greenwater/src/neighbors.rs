@@ -1,6 +1,7 @@
 //! Who is near whom. The only code that knows how pairs are found.
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -9,7 +10,7 @@ use crate::particles::{Kind, Particles};
 use crate::sweep::BLOCK;
 
 /// How pairs are found. Every way finds the same pairs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Search {
     /// Every particle looks at every other: `O(N²)`.

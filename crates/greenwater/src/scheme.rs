@@ -178,7 +178,7 @@ impl MethodName {
 }
 
 /// Which defaults a method starts from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// Little dissipation, and the documented departures that let the method run a whole dam break.

@@ -113,7 +113,8 @@ fn modules_use_only_those_below_them() {
     let mut wrong = Vec::new();
     let mut seen = 0;
     for path in files {
-        let file = path.strip_prefix(&root).unwrap().components().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
+        let file =
+            path.strip_prefix(&root).unwrap().components().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
         // The root names every module and holds no code.
         if file != "lib.rs" {
             let text = fs::read_to_string(&path).unwrap();
@@ -128,10 +129,18 @@ fn modules_use_only_those_below_them() {
 #[test]
 fn wrong_imports_are_named_by_file_line_and_path() {
     for (file, text, expected) in [
-        ("domain.rs", "use crate::math::Vector;\nuse crate::neighbors::Neighbors;\n", "domain.rs:2: `domain` uses `crate::neighbors`, which is not below it"),
+        (
+            "domain.rs",
+            "use crate::math::Vector;\nuse crate::neighbors::Neighbors;\n",
+            "domain.rs:2: `domain` uses `crate::neighbors`, which is not below it",
+        ),
         ("walls.rs", "use crate::poisson::CsrMatrix;\n", "walls.rs:1: `walls` uses `crate::poisson`, which is not below it"),
         ("scheme/wcsph.rs", "fn f() {\n    let c = crate::case::Case::load();\n}\n", "scheme/wcsph.rs:2: `scheme` uses `crate::case`"),
-        ("physics/surface.rs", "use crate::{\n    math::{Vector, cube},\n    scheme::Medium,\n};\n", "physics/surface.rs:3: `physics` uses `crate::scheme`"),
+        (
+            "physics/surface.rs",
+            "use crate::{\n    math::{Vector, cube},\n    scheme::Medium,\n};\n",
+            "physics/surface.rs:3: `physics` uses `crate::scheme`",
+        ),
         ("physics/surface.rs", "use super::super::walls::WallForces;\n", "physics/surface.rs:1: `physics` uses `crate::walls`"),
         ("kernel.rs", "use super::particles::Particles;\n", "kernel.rs:1: `kernel` uses `crate::particles`"),
         ("particles.rs", "use crate::with_kernel;\n", "particles.rs:1: `particles` uses `crate::with_kernel`"),
@@ -142,6 +151,7 @@ fn wrong_imports_are_named_by_file_line_and_path() {
         assert!(found.starts_with(expected) && found.lines().count() == 1, "{file}: {found:?}, expected {expected:?}");
     }
     // Comments, own parts and lower modules are right.
-    let fine = "//! See [`crate::case::Case`].\nuse crate::scheme::wcsph;\nuse crate::{math::Vector, walls};\nuse $crate::kernel::Kernel;\n";
+    let fine =
+        "//! See [`crate::case::Case`].\nuse crate::scheme::wcsph;\nuse crate::{math::Vector, walls};\nuse $crate::kernel::Kernel;\n";
     assert_eq!(violations("scheme/isph_paper.rs", fine), Vec::<String>::new());
 }

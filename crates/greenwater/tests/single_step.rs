@@ -163,7 +163,8 @@ fn same_steps<const D: usize>(what: &str, mut flow: Flow<D>, medium: &Medium<D>,
         let p = simulation.particles();
         let what = format!("{what}, step {step}");
         same_surface(&what, &simulation, &flow, &surface);
-        let carrying = |values: Vec<f64>| values.into_iter().zip(&flow.bodies).filter(|(_, b)| b.layer <= 1).map(|(p, _)| p).collect::<Vec<_>>();
+        let carrying =
+            |values: Vec<f64>| values.into_iter().zip(&flow.bodies).filter(|(_, b)| b.layer <= 1).map(|(p, _)| p).collect::<Vec<_>>();
         let pressure = flow.bodies.iter().map(|b| b.pressure).collect();
         same(&format!("{what}: pressure"), &carrying(column(p, |a| p.pressure[a])), &carrying(pressure));
         same_state(&what, &simulation, &flow, &first);
@@ -229,8 +230,9 @@ fn discs_show_the_surface<const D: usize>(mut flow: Flow<D>, directions: usize, 
     let settings = IsphPaperSettings { surface: SurfaceTest::Dilts, surface_radius: 1.0, ..incompressible(Preset::Paper) };
     let simulation = incompressible_run(&flow, &medium(0.0), &settings, 1e-3);
     let found = column(simulation.particles(), |a| simulation.particles().surface[a] == 1);
-    let open: Vec<bool> =
-        (0..flow.bodies.len()).map(|i| isph::open_directions(&flow, settings.surface_radius * common::SPACING, i, directions) > 0.0).collect();
+    let open: Vec<bool> = (0..flow.bodies.len())
+        .map(|i| isph::open_directions(&flow, settings.surface_radius * common::SPACING, i, directions) > 0.0)
+        .collect();
     let missed = (0..open.len()).filter(|&i| open[i] && !found[i]).count();
     let narrow = (0..open.len()).filter(|&i| !open[i] && found[i]).count();
     assert_eq!(missed, 0, "exposed particles that were not found");

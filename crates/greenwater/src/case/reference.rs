@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::method;
 use super::sections::Sections;
 use super::shape::Shape;
-use crate::scheme::{MethodName, MethodSettings, Preset};
+use crate::scheme::{IsphPaperSettings, MethodName, MethodSettings, Preset, WcsphSettings};
 
 /// A key of the case format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -26,6 +26,9 @@ pub struct KeyRow {
     pub rule: String,
     /// What it says.
     pub text: String,
+    /// The words it takes, for a key that takes one of a few: each with its meaning.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub choices: Vec<(String, String)>,
 }
 
 /// Every key a case may have, in the order of [`Sections`], then the shapes (`shape.box.min`) and the methods (`method(wcsph).alpha`).
@@ -102,31 +105,57 @@ fn shape_rows(rows: &mut Vec<KeyRow>) {
     }
 }
 
-/// The keys of a method with the values of its preset `water`.
+/// The keys of a method. Defaults are those of the preset `water`; where `paper` has another one, the text says so.
 fn method_rows(name: MethodName, rows: &mut Vec<KeyRow>) {
-    let table = method::table(&MethodSettings::preset(name, Preset::Water));
-    let title = name.name();
-    for (key, value) in table.iter().filter(|(key, _)| !["name", "preset"].contains(&key.as_str())) {
-        rows.push(KeyRow {
-            key: format!("method({title}).{key}"),
-            kind: value.type_str().to_owned(),
-            unit: String::new(),
-            default: value.to_string(),
-            rule: String::new(),
-            text: format!("Parameter of the method {title}; the default is that of the preset water."),
-        });
+    let defaults = |preset| method::table(&MethodSettings::preset(name, preset));
+    let (water, paper) = (defaults(Preset::Water), defaults(Preset::Paper));
+    let settings = SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
+    let schema = match name {
+        MethodName::Wcsph => settings.into_generator().into_root_schema_for::<WcsphSettings>(),
+        MethodName::IsphPaper => settings.into_generator().into_root_schema_for::<IsphPaperSettings>(),
+    };
+    let first = rows.len();
+    section_rows(&schema.to_value(), "", rows);
+    rows.retain(|row| row.key != "preset");
+    for row in &mut rows[first..] {
+        let (default, printed) = (at(&water, &row.key), at(&paper, &row.key));
+        if let Some(printed) = printed.filter(|printed| default.as_ref() != Some(printed)) {
+            row.text = format!("{} Preset `paper`: `{printed}`.", row.text);
+        }
+        row.default = default.map(|value| value.to_string()).unwrap_or_default();
+        row.key = format!("method({}).{}", name.name(), row.key);
     }
 }
 
+/// The value of a dotted key.
+fn at<'a>(table: &'a toml::Table, key: &str) -> Option<&'a toml::Value> {
+    let mut parts = key.split('.');
+    parts.next().and_then(|part| table.get(part)).and_then(|value| parts.try_fold(value, |value, part| value.get(part)))
+}
+
 fn row(key: String, kind: String, property: &Value) -> KeyRow {
-    let text = |name: &str| property[name].as_str().unwrap_or_default().replace('\n', " ");
-    let choices: Vec<&str> = property["oneOf"].as_array().into_iter().flatten().filter_map(|choice| choice["const"].as_str()).collect();
-    let rule = if choices.is_empty() { text("rule") } else { format!("one of {}", choices.join(", ")) };
+    let text = |name: &str| one_line(property[name].as_str().unwrap_or_default());
+    let variants = present(property)["oneOf"].as_array().into_iter().flatten();
+    let choices: Vec<(String, String)> = variants
+        .filter_map(|choice| Some((choice["const"].as_str()?.to_owned(), one_line(choice["description"].as_str().unwrap_or_default()))))
+        .collect();
+    let words: Vec<&str> = choices.iter().map(|(word, _)| word.as_str()).collect();
+    let rule = if words.is_empty() { text("rule") } else { format!("one of {}", words.join(", ")) };
     let default = match &property["default"] {
         Value::Null => String::new(),
         value => value.to_string(),
     };
-    KeyRow { key, kind, unit: text("unit"), default, rule, text: text("description") }
+    KeyRow { key, kind, unit: text("unit"), default, rule, text: text("description"), choices }
+}
+
+/// What a value is where it is given: an optional choice is written as that choice or null.
+fn present(property: &Value) -> &Value {
+    property["anyOf"].as_array().and_then(|kinds| kinds.iter().find(|kind| kind["type"] != "null")).unwrap_or(property)
+}
+
+/// Paragraphs as one line of text.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn kind_of(property: &Value) -> String {
@@ -140,6 +169,7 @@ fn kind_of(property: &Value) -> String {
         }
         .to_owned()
     };
+    let property = present(property);
     match &property["type"] {
         Value::String(kind) if kind == "array" => match &property["items"]["type"] {
             Value::String(inner) => format!("list of {}s", name(inner).replace("text", "name")),
@@ -176,7 +206,13 @@ mod tests {
         assert_eq!(find("shape.tank.open").map(|row| row.kind.as_str()), Some("list of names"));
         assert_eq!(find("domain.min").map(|row| row.kind.as_str()), Some("list of numbers"));
         assert_eq!(find("output.precision").map(|row| row.rule.as_str()), Some("one of float64, float32"));
-        assert!(find("probe[].position").is_some() && find("method(wcsph).alpha").is_some());
+        assert!(find("probe[].position").is_some());
+        let alpha =
+            find("method(wcsph).alpha").map(|row| (row.kind.as_str(), row.default.as_str(), row.text.ends_with("Preset `paper`: `1.0`.")));
+        assert_eq!(alpha, Some(("number", "0.05", true)));
+        assert_eq!(find("method(isph-paper).solver.tolerance").map(|row| row.default.as_str()), Some("0.000001"));
+        assert_eq!(find("method(wcsph).initial_density").map(|row| (row.kind.as_str(), row.choices.len())), Some(("text", 2)));
+        assert_eq!(find("method(isph-paper).wall_guard").map(|row| row.choices.len()), Some(2));
         assert_eq!(meaning("probe[3].position"), "Where it is, one number an axis. (m)");
         assert_eq!(meaning("walls.shapes[0].box.min"), "Lower corner. (m)");
     }

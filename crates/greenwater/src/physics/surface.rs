@@ -2,13 +2,14 @@
 
 use std::f64::consts::{PI, TAU};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::math::Vector;
 use crate::neighbors::Neighbors;
 
 /// How a particle of the free surface is told from one inside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SurfaceTest {
     /// Density below a share of the rest density (Koshizuka & Oka 1996; Shao & Lo 2003).

@@ -1,11 +1,12 @@
 //! What a user may choose about the solver.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::SolveError;
 
 /// Method for `A p = b`.
-#[derive(Serialize, Deserialize, Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Serialize, Deserialize, JsonSchema, Clone, Copy, Debug, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverMethod {
     /// Gaussian elimination with row pivoting on the dense matrix: `O(n³)` work, `8 n²` bytes, any regular matrix.
@@ -23,7 +24,7 @@ pub enum SolverMethod {
 }
 
 /// Preconditioner of a Krylov method; Gauss needs none and ignores it.
-#[derive(Serialize, Deserialize, Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Serialize, Deserialize, JsonSchema, Clone, Copy, Debug, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum PreconditionerKind {
     /// Identity.
@@ -40,7 +41,7 @@ pub enum PreconditionerKind {
 }
 
 /// How `A p = b` is solved. The default fits symmetric pressure equations of 10³ to 10⁵ unknowns.
-#[derive(Serialize, Deserialize, Clone, Debug, PartialEq)]
+#[derive(Serialize, Deserialize, JsonSchema, Clone, Debug, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSettings {
     /// Method; default `cg`.

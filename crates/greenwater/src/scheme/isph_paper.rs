@@ -1,5 +1,6 @@
 //! Incompressible SPH as the paper states it: prediction without pressure, a pressure equation, correction.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Medium, Preset, Scheme, StepError, StepReport};
@@ -17,7 +18,7 @@ use crate::time::{Phases, StepLimit};
 use crate::walls::{first_line_parents, wall_normals};
 
 /// Form of the pressure operator `∇·(∇p/ρ)`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Laplacian {
     /// Equation (16), Shao & Lo (2003).
@@ -27,7 +28,7 @@ pub enum Laplacian {
 }
 
 /// What stands beyond the free surface in the pressure gradient of a surface particle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SurfaceGhosts {
     /// Every neighbour mirrored through the particle, with opposite pressure (the paper's section 10; Shao & Lo 2003).
@@ -39,7 +40,7 @@ pub enum SurfaceGhosts {
 /// The time in which the pressure of (31) removes a density error `ρ* − ρ0`.
 ///
 /// A particle pushed out of an overlap `δ` leaves with the speed `δ` over this time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DensitySource {
     /// One time step, as printed: source `(ρ0 − ρ*)/(ρ0 Δt²)`. By (32) the step shrinks as the fastest particle speeds up, and the
@@ -51,7 +52,7 @@ pub enum DensitySource {
 }
 
 /// What keeps fluid out of walls besides the pressure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum WallGuard {
     /// Nothing, as printed: a particle of the surface has no pressure, and neither has the wall under it.
@@ -62,7 +63,7 @@ pub enum WallGuard {
 }
 
 /// Parameters of the method `isph-paper`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct IsphPaperSettings {
     /// Where the defaults come from.

@@ -1,5 +1,6 @@
 //! Weakly compressible SPH as the paper states it: explicit, with an equation of state and forces from walls.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Medium, Preset, Scheme, StepError, StepReport};
@@ -16,7 +17,7 @@ use crate::time::{Phases, StepLimit};
 use crate::walls::{WallForces, wall_normals};
 
 /// How the coefficient `B` of the equation of state (25) is read, the paper's (26).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum EquationOfState {
     /// `B = 200 ρ0 g H/γ` everywhere (Monaghan 1994); the initial density is hydrostatic.
@@ -28,7 +29,7 @@ pub enum EquationOfState {
 }
 
 /// The force of wall particles on fluid particles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum WallForce {
     /// Lennard-Jones (33)-(34), repulsion only (`r < r0`).
@@ -40,7 +41,7 @@ pub enum WallForce {
 }
 
 /// Parameters of the method `wcsph`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WcsphSettings {
     /// Where the defaults come from.
@@ -82,7 +83,7 @@ pub struct WcsphSettings {
 }
 
 /// Density at the start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum InitialDensity {
     /// As the case or the particle file says.

@@ -179,12 +179,8 @@ fn eliminate(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
 /// Share of a fine set of directions in which the circle (sphere) of `radius` round particle `i` is outside all discs (balls)
 /// of the same radius round its neighbours, and the largest angle between directions that were looked at.
 pub fn open_directions<const D: usize>(flow: &Flow<D>, radius: f64, i: usize, count: usize) -> f64 {
-    let near: Vec<[f64; D]> = (0..flow.bodies.len())
-        .filter(|&j| j != i)
-        .map(|j| flow.apart(j, i))
-        .filter(|(_, r)| *r < 2.0 * radius)
-        .map(|(x, _)| x)
-        .collect();
+    let near: Vec<[f64; D]> =
+        (0..flow.bodies.len()).filter(|&j| j != i).map(|j| flow.apart(j, i)).filter(|(_, r)| *r < 2.0 * radius).map(|(x, _)| x).collect();
     let golden = TAU * (5.0_f64.sqrt() - 1.0) / 2.0;
     let open = (0..count).filter(|&k| {
         let direction: [f64; D] = if D == 2 {

@@ -1,7 +1,7 @@
 //! The explicit method, from (13)-(15), (20)-(28), (33)-(34).
 
-use greenwater::scheme::wcsph::{EquationOfState, WallForce, WcsphSettings};
 use greenwater::scheme::Medium;
+use greenwater::scheme::wcsph::{EquationOfState, WallForce, WcsphSettings};
 
 use super::{Flow, along, dot};
 
