@@ -52,36 +52,42 @@ pub fn measure(plan: &Plan, clock: &Clock) -> Result<Results, BenchError> {
     }
     let mut points = Vec::new();
     for (search, threads, sizes) in runs {
-        for &count in sizes {
-            let particles = cloud(count);
-            let point = with_threads(threads, || time(&particles, search, threads, plan.seconds_a_point))??;
-            clock.say(&format!("search: {}, {count} particles, {threads} threads: {:.3e} s", name(search), point.seconds.min));
+        // In rounds over all sizes, so that a busy while of the machine does not meet one size alone and bend the line.
+        let mut times = vec![Vec::new(); sizes.len()];
+        let mut found = vec![(0, 0); sizes.len()];
+        for _ in 0..ROUNDS {
+            for ((times, found), &count) in times.iter_mut().zip(&mut found).zip(sizes) {
+                let particles = cloud(count);
+                let budget = plan.seconds_a_point / f64::from(ROUNDS);
+                *found = with_threads(threads, || time(&particles, search, budget, times))??;
+            }
+        }
+        for ((times, (pairs, bytes)), &particles) in times.iter().zip(found).zip(sizes) {
+            let point = Point { search, particles, threads, seconds: Seconds::of(times), repetitions: times.len(), pairs, bytes };
+            clock.say(&format!("search: {}, {particles} particles, {threads} threads: {:.3e} s", name(search), point.seconds.min));
             points.push(point);
         }
     }
     Ok(Results { points })
 }
 
-fn time(particles: &Particles<2>, search: Search, threads: usize, budget: f64) -> Result<Point, BenchError> {
+/// How often all sizes are gone through; also the least number of repetitions.
+const ROUNDS: u32 = 3;
+
+/// Adds the times of at least one search, and of more until `budget`, s, is used up; answers the pairs and the memory.
+fn time(particles: &Particles<2>, search: Search, budget: f64, times: &mut Vec<f64>) -> Result<(usize, usize), BenchError> {
     let mut near = Neighbors::new();
     // The first search allocates; a flow does that once.
     near.build(particles, SUPPORT, search)?;
     let started = Instant::now();
-    let mut times = Vec::new();
-    while times.len() < 3 || (started.elapsed().as_secs_f64() < budget && times.len() < 1000) {
+    loop {
         let clock = Instant::now();
         near.build(particles, SUPPORT, search)?;
         times.push(clock.elapsed().as_secs_f64());
+        if started.elapsed().as_secs_f64() >= budget {
+            return Ok((near.pairs(), near.bytes()));
+        }
     }
-    Ok(Point {
-        search,
-        particles: particles.owned(),
-        threads,
-        seconds: Seconds::of(&times),
-        repetitions: times.len(),
-        pairs: near.pairs(),
-        bytes: near.bytes(),
-    })
 }
 
 /// `count` particles on a square lattice, each moved by up to a tenth of a spacing along each axis: the disorder of a flow, and
@@ -181,7 +187,7 @@ mod tests {
         let particles = cloud(900);
         let mut pairs = Vec::new();
         for search in [Search::Direct, Search::Grid] {
-            pairs.push(time(&particles, search, 1, 0.0).expect("finite positions").pairs);
+            pairs.push(time(&particles, search, 0.0, &mut Vec::new()).expect("finite positions").0);
         }
         assert_eq!(pairs[0], pairs[1]);
         let mut near = Neighbors::new();
