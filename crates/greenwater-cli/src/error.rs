@@ -21,6 +21,9 @@ pub enum CliError {
     /// The report, the preview or the export.
     #[error(transparent)]
     Report(#[from] ReportError),
+    /// A measurement.
+    #[error(transparent)]
+    Bench(#[from] crate::bench::BenchError),
     /// A run ended early; its folder has the details.
     #[error("{method}: {source}; the last good state is the last frame of `{}`", folder.display())]
     Run {
@@ -96,6 +99,7 @@ impl CliError {
         match self {
             Self::Case(error) => error.exit_code(),
             Self::Output(error) => error.exit_code(),
+            Self::Bench(error) => error.exit_code(),
             Self::Run { source, .. } => source.exit_code(),
             Self::Report(ReportError::Io { .. } | ReportError::NotFound { .. }) | Self::Io { .. } | Self::Print(_) => 5,
             Self::Report(ReportError::Raster { .. }) | Self::ThreadPool { .. } => 1,

@@ -1,5 +1,6 @@
 //! The `greenwater` command: parses what is asked, calls the library or the report, prints.
 
+mod bench;
 mod check;
 mod console;
 mod doctor;
@@ -38,6 +39,8 @@ enum Command {
     Run(run::RunArgs),
     /// Run several methods from the same initial particles, then write the report that compares them
     Compare(run::CompareArgs),
+    /// Measure this program on this machine: neighbour search, pressure solvers, steps, and the whole paper
+    Bench(bench::BenchArgs),
     /// Rebuild the report of run folders from what they hold
     Report(report::ReportArgs),
     /// Convert a frame of a run: a table of particles that a case can start from, or a single VTK file
@@ -59,6 +62,7 @@ fn main() -> std::process::ExitCode {
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
         Command::Compare(args) => run::compare(args),
+        Command::Bench(args) => bench::run(args).map_err(CliError::from),
         Command::Report(args) => report::report(args),
         Command::Export(args) => export::export(args),
         Command::Cases(args) => lists::cases(args),

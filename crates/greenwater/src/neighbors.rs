@@ -159,7 +159,8 @@ fn all_near<const D: usize>(p: &Particles<D>, support: f64, a: usize, list: &mut
     }
 }
 
-/// Particles sorted into cubes, x fastest, so that the cells of a row are one run of memory.
+/// Particles sorted into cubes, the last axis fastest, so that the cells of a row are one run of memory. Cases number particles
+/// in the same order: those of a cell lie near each other in the columns, too.
 #[derive(Clone, Debug)]
 struct Grid<const D: usize> {
     min: Vector<D>,
@@ -237,7 +238,7 @@ impl<const D: usize> Grid<D> {
     }
 
     fn index(&self, cell: [usize; D]) -> u32 {
-        (0..D).rev().fold(0, |index, d| index * self.cells[d] + cell[d]) as u32
+        (0..D).fold(0, |index, d| index * self.cells[d] + cell[d]) as u32
     }
 
     /// Appends the neighbours of particle `a`: the adjacent rows of cells in order, each one run of entries.
@@ -249,7 +250,7 @@ impl<const D: usize> Grid<D> {
         loop {
             let from = self.starts[self.index(row) as usize] as usize;
             let mut end_of_row = row;
-            end_of_row[0] = last[0];
+            end_of_row[D - 1] = last[D - 1];
             let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
             for entry in &self.entries[from..to] {
                 let reach = support * (0.5 * (h_a + entry.h));
@@ -257,9 +258,9 @@ impl<const D: usize> Grid<D> {
                     list.push(entry.row);
                 }
             }
-            let Some(axis) = (1..D).find(|&d| row[d] < last[d]) else { break };
+            let Some(axis) = (0..D - 1).rev().find(|&d| row[d] < last[d]) else { break };
             row[axis] += 1;
-            row[1..axis].copy_from_slice(&first[1..axis]);
+            row[axis + 1..D - 1].copy_from_slice(&first[axis + 1..D - 1]);
         }
     }
 

@@ -164,6 +164,11 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
         })
     }
 
+    /// Matrix and right-hand side of the last pressure equation (31), a row a particle; without rows before the first step.
+    pub fn pressure_equation(&self) -> (&CsrMatrix, &[f64]) {
+        (&self.matrix, &self.source)
+    }
+
     /// Ghosts and pairs at the present positions.
     fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
         phases.measure("search", || {
