@@ -278,6 +278,6 @@ mod tests {
         }
         assert_eq!(json["claims"].as_array().map(Vec::len), Some(measured.claims.len()));
         let text = summary::paper(&measured, folder.path());
-        assert!(measured.claims.iter().all(|claim| text.contains(&claim.claim)), "{text}");
+        assert!(measured.claims.iter().all(|claim| text.contains(claim.claim)), "{text}");
     }
 }
