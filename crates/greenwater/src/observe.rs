@@ -93,46 +93,36 @@ pub struct Front {
 /// Front and residual height of the body of fluid: particles with at least three fluid neighbours within two spacings, so that
 /// drops thrown ahead do not count. `back` is the position of the back wall along `x`, m. Half a spacing is added where the
 /// fluid ends: particles are the middles of what they stand for. The height is taken within two spacings of the back wall.
-pub fn front<const D: usize>(p: &Particles<D>, medium: &Medium<D>, back: f64, near: &Neighbors<D>) -> Front {
+///
+/// Costs a few passes over the particles, no search: the outermost ones are tried in turn.
+pub fn front<const D: usize>(p: &Particles<D>, medium: &Medium<D>, back: f64) -> Front {
     let half = 0.5 * medium.spacing;
     let reach = 2.0 * medium.spacing;
-    let mut result = Front { front: 0.0, residual_height: 0.0 };
-    for a in (0..p.owned()).filter(|&a| p.is_fluid(a)) {
-        let mut company = 0;
-        near.for_each(a, |pair| company += usize::from(pair.r <= reach && p.is_fluid(pair.b)));
-        if company >= 3 {
-            result.front = result.front.max(p.x[a][0] + half - back);
-            if p.x[a][0] - back <= reach {
-                result.residual_height = result.residual_height.max(medium.height(p.x[a]) + half);
-            }
-        }
-    }
-    result
+    let fluid = || (0..p.owned()).filter(|&a| p.is_fluid(a));
+    let ahead = fluid().map(|a| (p.x[a][0] + half - back, a)).collect();
+    let at_back = fluid().filter(|&a| p.x[a][0] - back <= reach).map(|a| (medium.height(p.x[a]) + half, a)).collect();
+    Front { front: outermost(p, ahead, reach), residual_height: outermost(p, at_back, reach) }
 }
 
-/// Measures [`front`]; keeps its work space.
-#[derive(Clone, Debug, Default)]
-pub struct FrontMeter<const D: usize> {
-    near: Neighbors<D>,
-    wide: Particles<D>,
-}
-
-impl<const D: usize> FrontMeter<D> {
-    /// A meter.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// Front and residual height; `back` is the position of the back wall along `x`, m.
-    pub fn measure(&mut self, p: &Particles<D>, medium: &Medium<D>, back: f64) -> Front {
-        self.wide.clone_from(p);
-        // A search radius of two spacings: "h" of one and a support of two.
-        self.wide.h.fill(medium.spacing);
-        match self.near.build(&self.wide, 2.0, Search::Grid) {
-            Ok(()) => front(p, medium, back, &self.near),
-            Err(_) => Front { front: f64::NAN, residual_height: f64::NAN },
+/// The greatest value of a particle that has company: three fluid neighbours within `reach`, m. 0 if there is none above.
+fn outermost<const D: usize>(p: &Particles<D>, mut rest: Vec<(f64, usize)>, reach: f64) -> f64 {
+    // As many are sorted at a time.
+    const AT_ONCE: usize = 32;
+    let descending = |a: &(f64, usize), b: &(f64, usize)| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1));
+    let has_company = |a: usize| {
+        let near = |&b: &usize| b != a && p.is_fluid(b) && (p.x[a] - p.x[b]).norm_squared() <= reach * reach;
+        (0..p.owned()).filter(near).take(3).count() == 3
+    };
+    while !rest.is_empty() {
+        let count = AT_ONCE.min(rest.len());
+        rest.select_nth_unstable_by(count - 1, descending);
+        rest[..count].sort_unstable_by(descending);
+        if let Some(&(value, _)) = rest[..count].iter().find(|(_, a)| has_company(*a)) {
+            return value.max(0.0);
         }
+        rest.drain(..count);
     }
+    0.0
 }
 
 /// Pressure at a point of a wall, Pa: the average of the fluid within two smoothing lengths, weighted with a Wendland C2 kernel
@@ -188,11 +178,6 @@ impl<const D: usize> QualityMeter<D> {
     pub fn new(spacing: f64) -> Self {
         let (lattice_sum, full) = lattice::<D>(spacing);
         Self { near: Neighbors::new(), wide: Particles::new(), lattice_sum, full, residuals: Vec::new() }
-    }
-
-    /// Pairs within three spacings, as of the last [`measure`](Self::measure).
-    pub fn neighbors(&self) -> &Neighbors<D> {
-        &self.near
     }
 
     /// Measures the state. A particle is interior when the space within three spacings is full (walls count), so that no free
@@ -410,9 +395,7 @@ mod tests {
                 h: 0.12,
             },
         );
-        let mut meter = QualityMeter::new(0.1);
-        meter.measure(&p, &medium());
-        let front = front(&p, &medium(), 0.0, meter.neighbors());
+        let front = front(&p, &medium(), 0.0);
         assert!((front.front - 2.0).abs() < 1e-12 && (front.residual_height - 1.0).abs() < 1e-12, "{front:?}");
     }
 

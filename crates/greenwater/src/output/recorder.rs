@@ -13,14 +13,14 @@ use super::frames::Frames;
 use super::provenance::provenance;
 use super::tables::{Cell, Table};
 use crate::case::Setup;
-use crate::observe::{Energy, FrontMeter, Observer, Quality, QualityMeter, View, energy, wall_pressure};
+use crate::observe::{Energy, Front, Observer, Quality, QualityMeter, View, energy, front, wall_pressure};
 use crate::physics::pressure::GAMMA;
 use crate::scheme::wcsph::EquationOfState;
 use crate::scheme::{Medium, MethodSettings, StepError};
 use crate::simulation::{RunError, Stop};
 
 /// About the number of rows in `steps.csv`; every k-th step is written, and k doubles each time as many rows again are full.
-const STEP_ROWS: u64 = 8_000;
+const STEP_ROWS: u64 = 16_000;
 
 /// Least time between two writings of `status.json`.
 const STATUS_EVERY: Duration = Duration::from_millis(500);
@@ -133,7 +133,6 @@ pub struct Recorder<'a, const D: usize> {
     log: Table,
     events: Table,
     meter: QualityMeter<D>,
-    front_meter: FrontMeter<D>,
     /// Position of the back wall along x, m.
     back: f64,
     next_sample: f64,
@@ -233,14 +232,10 @@ impl<'a, const D: usize> Recorder<'a, D> {
                 "quality.csv",
                 "time [s],pressure_noise [1],density_p01 [1],density_p99 [1],density_mean [1],volume_error [1],lost_particles [1]",
             )?,
-            steps: table(
-                "steps.csv",
-                "step [1],time [s],dt [s],limit [name],iterations [1],residual [1],maximum_speed [m/s],wall_clock [s]",
-            )?,
+            steps: table("steps.csv", "step,time [s],dt [s],limit,iterations,residual [1],maximum_speed [m/s],wall_clock [s]")?,
             log: table("log.txt", &format!("{started} greenwater {} runs {}", env!("CARGO_PKG_VERSION"), setup.title))?,
             events: table("events.jsonl", &json!({"event": "started", "at": started, "end": setup.time.end}).to_string())?,
             meter: QualityMeter::new(setup.spacing),
-            front_meter: FrontMeter::new(),
             back,
             next_sample: 0.0,
             every: ((setup.estimate.steps.unwrap_or(0.0) / STEP_ROWS as f64).ceil() as u64).max(1),
@@ -337,8 +332,8 @@ impl<'a, const D: usize> Recorder<'a, D> {
         self.energy.numbers([view.time, kinetic, potential, elastic, total])?;
         let [first, _, highest] = self.energies.unwrap_or([total, total, total]);
         self.energies = Some([first, total, highest.max(total)]);
-        let front = self.front_meter.measure(view.particles, &self.medium, self.back);
-        self.front.numbers([view.time, front.front, front.residual_height])?;
+        let Front { front, residual_height } = front(view.particles, &self.medium, self.back);
+        self.front.numbers([view.time, front, residual_height])?;
         if let Some(table) = &mut self.probes {
             let pressures = self.setup.probes.iter().map(|probe| wall_pressure(view.particles, &self.medium, probe.position));
             table.numbers(std::iter::once(view.time).chain(pressures))?;

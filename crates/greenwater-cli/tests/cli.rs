@@ -1,0 +1,402 @@
+//! The program as its users meet it: every test runs the real binary.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A still pool of 8 x 4 fluid particles in a tank of two lines, ten steps of it.
+const POOL: &str = r#"
+format = 1
+title = "Small pool"
+dimension = 2
+
+[fluid]
+spacing = 0.1
+shapes = [{ box = { min = [0.0, 0.0], max = [0.8, 0.4] } }]
+
+[walls]
+layers = 2
+shapes = [{ tank = { min = [0.0, 0.0], max = [1.2, 0.8], open = ["top"] } }]
+
+[time]
+end = 0.01
+
+[[probe]]
+name = "corner"
+position = [1.2, 0.05]
+
+[output]
+fields = ["velocity", "density", "pressure", "kind", "id", "acceleration", "density_rate", "surface"]
+"#;
+
+struct Place(TempDir);
+
+impl Place {
+    /// A folder with the pool in `pool/case.toml`.
+    fn new() -> Self {
+        let place = Self(TempDir::new().unwrap());
+        place.put("pool/case.toml", POOL);
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn put(&self, name: &str, text: &str) {
+        let path = self.path(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    /// Runs `greenwater` with the words of `command` in the folder.
+    fn run(&self, command: &str) -> Output {
+        let words = command.split_whitespace();
+        Command::new(env!("CARGO_BIN_EXE_greenwater")).args(words).current_dir(self.0.path()).output().unwrap()
+    }
+
+    /// Runs a command that must succeed; gives its standard output.
+    fn ok(&self, command: &str) -> String {
+        let output = self.run(command);
+        assert!(output.status.success(), "{command}: {}", text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    /// Runs a command that must fail; gives its exit code and the error line.
+    fn fails(&self, command: &str) -> (i32, String) {
+        let output = self.run(command);
+        let stderr = text(&output.stderr);
+        let error = stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_else(|| panic!("{command}: {stderr}"));
+        (output.status.code().unwrap(), error.to_owned())
+    }
+
+    /// Everything in the folder `name`, by path, but what tells the time or the machine.
+    fn contents(&self, name: &str) -> Vec<(PathBuf, Vec<u8>)> {
+        let mut found = Vec::new();
+        let mut folders = vec![self.path(name)];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else {
+                    found.push((path.strip_prefix(self.path(name)).unwrap().to_owned(), fs::read(&path).unwrap()));
+                }
+            }
+        }
+        found.sort();
+        found
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error} in {text}"))
+}
+
+/// Rows of a CSV table, the header first.
+fn rows(table: &str) -> Vec<Vec<&str>> {
+    table.lines().map(|line| line.split(',').collect()).collect()
+}
+
+#[test]
+fn the_help_lists_every_verb_and_nothing_that_does_not_work() {
+    let place = Place::new();
+    let help = place.ok("--help");
+    for verb in ["new", "check", "run", "compare", "report", "export", "cases", "methods", "kernels", "doctor"] {
+        assert!(help.lines().any(|line| line.trim_start().starts_with(verb)), "{verb} is missing in\n{help}");
+        assert!(place.ok(&format!("{verb} --help")).contains("Usage:"));
+    }
+    for later in ["resume", "view", "validate"] {
+        assert!(!help.lines().any(|line| line.trim_start().starts_with(later)), "{later} in\n{help}");
+    }
+}
+
+#[test]
+fn lists_have_one_line_each_and_json() {
+    let place = Place::new();
+    for (verb, name) in [("cases", "dam-break-20"), ("methods", "isph-paper"), ("kernels", "wendland-c2")] {
+        let list = place.ok(verb);
+        assert!(list.lines().any(|line| line.split_whitespace().next() == Some(name)), "{list}");
+        let rows = json(&place.ok(&format!("{verb} --json")));
+        assert_eq!(rows[verb].as_array().unwrap().len(), list.lines().count());
+    }
+    assert!(place.ok("cases --keys").contains("fluid.spacing"));
+    assert!(place.ok("doctor").contains(env!("CARGO_PKG_VERSION")));
+    assert!(json(&place.ok("doctor --json"))["machine"]["cores"].as_u64().unwrap() >= 1);
+}
+
+#[test]
+fn a_bad_case_is_one_clear_error_with_exit_code_2_and_leaves_nothing() {
+    let place = Place::new();
+    let pool = |from: &str, to: &str| POOL.replace(from, to);
+    let overlap = r#"shapes = [{ box = { min = [0.0, 0.0], max = [0.8, 0.4] } }, { box = { min = [0.0, 0.0], max = [0.2, 0.2] } }]"#;
+    for (case, wanted) in [
+        (pool("spacing = 0.1", "spacing = -0.1"), "`fluid.spacing` is -0.1, but must be > 0"),
+        (pool("spacing = 0.1", "spacign = 0.1"), "unknown key `fluid.spacign`, did you mean `spacing`?"),
+        (pool("spacing = 0.1", "spacing = \"10 cm\""), "`fluid.spacing` has a value of the wrong type"),
+        (pool("shapes = [{ box = { min = [0.0, 0.0], max = [0.8, 0.4] } }]", overlap), "overlap near"),
+        (pool("max = [0.8, 0.4] } }]", "max = [0.0, 0.4] } }]"), "fluid.shapes[0]"),
+        (pool("format = 1", "format = 2"), "`format` is 2"),
+        (pool("[time]", "[time"), "not valid TOML"),
+        (pool("end = 0.01", ""), "`time.end` is missing"),
+    ] {
+        place.put("bad/case.toml", &case);
+        for verb in ["check bad", "run bad --out made", "compare bad --out made"] {
+            let (code, error) = place.fails(verb);
+            assert_eq!(code, 2, "{error}");
+            assert!(error.contains(wanted), "{error}");
+            assert!(!place.path("made").exists());
+        }
+    }
+    let (code, error) = place.fails("run dam-brake");
+    assert!(code == 2 && error.contains("did you mean `dam-break`?"), "{error}");
+    let (code, error) = place.fails("run missing/case.toml");
+    assert!(code == 2 && error.contains("no such file"), "{error}");
+    let (code, error) = place.fails("run pool --set fluid.spacing=-0.1");
+    assert!(code == 2 && error.contains("--set fluid.spacing=-0.1: `fluid.spacing` is -0.1"), "{error}");
+    let (code, error) = place.fails("run pool --threads 0");
+    assert!(code == 2 && error.contains("--threads is 0, but must be 1 to 1024"), "{error}");
+    assert_eq!(place.fails("run pool --method sph").0, 2);
+    assert_eq!(place.fails("run pool --set spacing").0, 2);
+    assert_eq!(place.fails("compare pool --methods wcsph,wcsph --out made").0, 2);
+    assert!(!place.path("runs").exists() && !place.path("made").exists());
+}
+
+#[test]
+fn a_bad_table_of_particles_is_named_by_row_and_column() {
+    let place = Place::new();
+    let case = POOL.replace(r#"shapes = [{ box = { min = [0.0, 0.0], max = [0.8, 0.4] } }]"#, r#"from_file = "p.csv""#);
+    place.put("table/case.toml", &case);
+    place.put("table/p.csv", "id,kind,x,y,vx,vy,density,pressure,mass,h\n0,fluid,0.4,NaN,0,0,1000,0,10,0.12\n");
+    let (code, error) = place.fails("run table --out made");
+    assert!(code == 2 && error.contains("p.csv:2: column `y` is NaN, but must be a finite number"), "{error}");
+    place.put("table/p.csv", "id,kind,x,y,vx,vy,density,pressure,mass,h\n");
+    let (code, error) = place.fails("run table --out made");
+    assert!(code == 2 && error.contains("without a particle"), "{error}");
+    fs::remove_file(place.path("table/p.csv")).unwrap();
+    assert_eq!(place.fails("run table --out made").0, 2);
+    assert!(!place.path("made").exists());
+}
+
+#[test]
+fn a_case_of_a_terabyte_is_refused_with_exit_code_7() {
+    let place = Place::new();
+    for verb in ["check", "run", "compare"] {
+        // 1.125 m2 of fluid in squares of 17 um: 4e9 particles of 600 bytes and more.
+        let (code, error) = place.fails(&format!("{verb} dam-break --set fluid.spacing=0.0000170454545454545454"));
+        assert_eq!(code, 7, "{error}");
+        assert!(error.contains("limits.memory_gib") && error.contains("fluid.spacing"), "{error}");
+    }
+    assert!(!place.path("runs").exists());
+}
+
+#[test]
+fn check_says_what_a_run_takes_and_draws_it() {
+    let place = Place::new();
+    let said = place.ok("check pool --out pool.svg");
+    assert!(said.contains("32 fluid") && said.contains("memory:") && said.contains("steps:") && said.contains("pool.svg"), "{said}");
+    assert!(said.contains("warning:") && said.contains("walls are 0.2000 m deep"), "{said}");
+    assert!(place.read("pool.svg").starts_with("<svg"));
+    assert!(place.fails("check pool --out pool.svg").1.contains("exists already"));
+    place.ok("check pool --out pool.png");
+    assert_eq!(fs::read(place.path("pool.png")).unwrap()[..4], *b"\x89PNG");
+    let answer = json(&place.ok("check pool --out pool.svg --force --json"));
+    assert_eq!(answer["estimate"]["fluid"], 32);
+    assert!(!place.path("runs").exists());
+}
+
+#[test]
+fn a_new_case_runs_unedited_and_nothing_is_written_over() {
+    let place = Place::new();
+    place.ok("new mine --case dam-break-20");
+    assert!(place.read("mine/case.toml").contains('#'), "a case to learn from has comments");
+    place.ok("run mine --steps 1");
+    assert!(place.path("runs/mine-wcsph/DONE").exists());
+    let before = place.contents("mine");
+    assert!(place.fails("new mine").1.contains("exists already"));
+    assert!(place.fails("new other --case dam").1.contains("must be a shipped case"));
+    assert_eq!(place.contents("mine"), before);
+    assert!(!place.path("other").exists());
+}
+
+#[test]
+fn a_run_is_never_written_over_without_force() {
+    let place = Place::new();
+    place.ok("run pool --out made");
+    let before = place.contents("made");
+    let (code, error) = place.fails("run pool --out made");
+    assert!(code == 2 && error.contains("--force"), "{error}");
+    assert_eq!(place.contents("made"), before);
+    place.ok("run pool --out made --steps 0 --force");
+    assert_eq!(json(&place.read("made/summary.json"))["steps"], 0);
+    // Force replaces runs only.
+    place.put("precious/thesis.txt", "years of work");
+    let (code, error) = place.fails("run pool --out precious --force");
+    assert!(code == 2 && error.contains("not a run folder"), "{error}");
+    assert_eq!(place.read("precious/thesis.txt"), "years of work");
+    assert_eq!(place.fails("compare pool --out precious/thesis.txt --force").0, 2);
+}
+
+#[test]
+fn a_run_folder_holds_what_it_should() {
+    let place = Place::new();
+    let answer = json(&place.ok("run pool --out made --json"));
+    assert_eq!((answer["completed"].as_bool(), answer["exit_code"].as_u64()), (Some(true), Some(0)));
+    assert_eq!(place.read("made/case.toml"), POOL);
+    assert!(place.read("made/case.resolved.toml").contains("alpha = 0.05"));
+    let provenance = json(&place.read("made/provenance.json"));
+    assert_eq!(provenance["program"], "greenwater");
+    assert_eq!(provenance["particles"]["fluid"], 32);
+    assert_eq!(provenance["scales"]["up_axis"], 1);
+    assert!(provenance["departures"].as_array().unwrap().iter().any(|text| text.as_str().unwrap().contains("in place of the printed")));
+    assert_eq!(json(&place.read("made/status.json"))["state"], "finished");
+    let summary = json(&place.read("made/summary.json"));
+    let steps = summary["steps"].as_u64().unwrap();
+    assert!(steps > 5 && summary["energy"]["initial"].as_f64().unwrap() > 0.0);
+    for (name, header) in [
+        ("energy.csv", "time [s],kinetic [J/m],potential [J/m],elastic [J/m],total [J/m]"),
+        ("front.csv", "time [s],front [m],residual_height [m]"),
+        ("probes.csv", "time [s],corner [Pa]"),
+        ("steps.csv", "step,time [s],dt [s],limit,iterations,residual [1],maximum_speed [m/s],wall_clock [s]"),
+    ] {
+        let table = place.read(&format!("made/{name}"));
+        assert_eq!(table.lines().next(), Some(header));
+        assert!(table.lines().count() > 2, "{name}: {table}");
+        assert!(rows(&table).iter().all(|row| row.len() == header.split(',').count()), "{table}");
+    }
+    assert_eq!(rows(&place.read("made/steps.csv")).len() as u64, steps + 1);
+    for line in place.read("made/events.jsonl").lines() {
+        json(line);
+    }
+    let left: Vec<_> = place.contents("made").into_iter().filter(|(path, _)| path.extension().is_some_and(|e| e == "part")).collect();
+    assert!(left.is_empty(), "temporary files left: {left:?}");
+    // The resolved case is a case, and gives the same run.
+    place.put("again/case.toml", &place.read("made/case.resolved.toml"));
+    place.ok("run again --out second");
+    assert_eq!(place.read("second/frames/frame-000001.vtp"), place.read("made/frames/frame-000001.vtp"));
+}
+
+#[test]
+fn no_step_writes_the_initial_state_with_accelerations_and_reads_back_bit_by_bit() {
+    let place = Place::new();
+    for method in ["wcsph", "isph-paper"] {
+        let first = format!("first-{method}");
+        place.ok(&format!("run pool --method {method} --steps 0 --out {first}"));
+        place.ok(&format!("export {first} --to csv --all-fields"));
+        let table = place.read(&format!("{first}/particles.csv"));
+        let header = table.lines().next().unwrap();
+        assert!(header.starts_with("id,kind,x,y,vx,vy,density,pressure,mass,h,layer"), "{header}");
+        for name in ["acceleration_x", "acceleration_y", "density_rate", "surface"] {
+            assert!(header.split(',').any(|column| column == name), "{name} is missing in {header}");
+        }
+        // The same state again, from the table: `given` density, so that nothing is made anew.
+        let case = POOL
+            .replace(r#"shapes = [{ box = { min = [0.0, 0.0], max = [0.8, 0.4] } }]"#, r#"from_file = "particles.csv""#)
+            .replace(r#"shapes = [{ tank = { min = [0.0, 0.0], max = [1.2, 0.8], open = ["top"] } }]"#, "");
+        let back = format!("back-{method}");
+        place.put(&format!("{back}/case.toml"), &case);
+        place.put(&format!("{back}/particles.csv"), &table);
+        place.ok(&format!("run {back} --method {method} --steps 0 --out second-{method}"));
+        assert_eq!(place.read(&format!("second-{method}/particles.csv")), table, "the copy of the table belongs to the run");
+        place.ok(&format!("export second-{method} --to csv --all-fields --out again.csv --force"));
+        assert_eq!(place.read("again.csv"), table, "{method}");
+    }
+}
+
+#[test]
+fn export_says_what_it_cannot_do() {
+    let place = Place::new();
+    place.ok("run pool --out made --steps 2");
+    let (code, error) = place.fails("export made --to csv --frame 9");
+    assert!(code == 2 && error.contains("has frames 0 to"), "{error}");
+    place.ok("export made --to csv --frame 0 --out start.csv");
+    assert!(place.fails("export made --to csv --frame 0 --out start.csv").1.contains("exists already"));
+    place.ok("export made --to vtp");
+    assert!(place.read("made/particles.vtp").contains("PolyData"));
+    assert_eq!(place.fails("export pool --to csv").0, 2);
+    place.ok("run pool --out bare --steps 0 --set output.fields=['velocity']");
+    let (code, error) = place.fails("export bare --to csv");
+    assert!(code == 2 && error.contains("no `density`") && error.contains("output.fields"), "{error}");
+}
+
+#[test]
+fn compare_writes_a_folder_a_method_and_the_report() {
+    let place = Place::new();
+    let said = place.ok("compare pool --out both");
+    assert!(said.contains("both/report/index.html"), "{said}");
+    let page = place.read("both/report/index.html");
+    assert!(page.contains("wcsph") && page.contains("isph-paper") && page.contains("Small pool"));
+    let report = json(&place.read("both/report/report.json"));
+    assert_eq!(report["methods"].as_array().unwrap().len(), 2);
+    let start = |name: &str| {
+        place.ok(&format!("export both/{name} --to csv --frame 0 --out {name}.csv"));
+        let table = place.read(&format!("{name}.csv"));
+        rows(&table).iter().skip(1).map(|row| row[..4].join(",")).collect::<Vec<_>>()
+    };
+    assert_eq!(start("wcsph"), start("isph-paper"), "the same initial particles");
+    assert_eq!(place.fails("compare pool --out both").0, 2);
+    assert_eq!(place.fails("report both").0, 2, "the report is there already");
+    place.ok("report both --out elsewhere");
+    assert_eq!(json(&place.read("elsewhere/report.json"))["methods"], report["methods"]);
+    place.ok("report both --force");
+    place.ok("compare pool --methods wcsph,wcsph:paper --out presets --end 0.002");
+    assert!(place.path("presets/wcsph-water/DONE").exists() && place.path("presets/wcsph-paper/DONE").exists());
+}
+
+#[test]
+fn frames_do_not_depend_on_the_number_of_threads() {
+    let place = Place::new();
+    for threads in 1..=3 {
+        place.ok(&format!("compare pool --threads {threads} --out t{threads}"));
+    }
+    for method in ["wcsph", "isph-paper"] {
+        let one = place.contents(&format!("t1/{method}/frames"));
+        assert!(one.len() > 3);
+        assert!(one == place.contents(&format!("t2/{method}/frames")), "{method}: frames of 1 and 2 threads differ");
+        assert!(one == place.contents(&format!("t3/{method}/frames")), "{method}: frames of 1 and 3 threads differ");
+    }
+}
+
+#[test]
+fn an_instability_ends_with_code_4_and_leaves_the_last_good_frame() {
+    let place = Place::new();
+    // A step of 0.1 s: sound crosses forty spacings in it, an explicit method allows a fraction of one.
+    let (code, error) = place.fails("run pool --set time.step=0.1 --end 10 --out made");
+    assert_eq!(code, 4, "{error}");
+    assert!(error.contains("particle") && error.contains("at t = ") && error.contains("step"), "{error}");
+    assert!(!place.path("made/DONE").exists());
+    let failed = json(&place.read("made/FAILED.json"));
+    assert_eq!(failed["exit_code"], 4);
+    assert!(failed["field"].is_string() && failed["particle"].is_u64() && failed["time"].is_f64() && failed["step"].is_u64(), "{failed}");
+    assert_eq!(json(&place.read("made/status.json"))["state"], "failed");
+    assert_eq!(json(&place.read("made/summary.json"))["completed"], false);
+    let exported = json(&place.ok("export made --to csv --json"));
+    assert_eq!(exported["time"], failed["time"]);
+    let table = place.read("made/particles.csv");
+    assert!(!table.contains("NaN") && !table.contains("inf"));
+    // A comparison goes on with the other methods, shows all of them, and still fails.
+    let (code, error) = place.fails("compare pool --set time.step=0.1 --end 10 --out both");
+    assert!(code == 4 && error.contains("wcsph"), "{error}");
+    assert!(place.path("both/isph-paper/provenance.json").exists());
+    assert!(place.read("both/report/index.html").contains("wcsph"));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let place = Place::new();
+    let command = format!("{} cases --keys | head -1", env!("CARGO_BIN_EXE_greenwater"));
+    let output = Command::new("sh").args(["-c", &command]).current_dir(place.0.path()).output().unwrap();
+    assert_eq!(text(&output.stderr), "");
+    assert_eq!(text(&output.stdout).lines().count(), 1);
+}
