@@ -192,7 +192,7 @@ fn record_one(setup: &AnySetup, name: &str, out: &Path, how: &HowArgs) -> Result
     let command: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     with_setup!(setup, setup => {
         let mut progress = Progress::new(setup, name, how.show());
-        Ok(record(setup, out, how.existing(), &command, &mut progress)?)
+        Ok(record(setup, setup.simulation(), out, how.existing(), &command, &mut progress)?)
     })
 }
 

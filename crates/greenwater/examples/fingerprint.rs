@@ -8,14 +8,14 @@ use std::error::Error;
 use greenwater::case::{AnySetup, Case};
 use greenwater::particles::Particles;
 use greenwater::scheme::MethodName;
+use greenwater::simulation::Simulation;
 
 /// Hash of positions, velocities, densities and pressures after `steps` steps of `method` on `case`.
 ///
 /// # Errors
 /// Cases that are wrong, steps that fail.
 pub fn fingerprint(case: &str, method: MethodName, steps: usize) -> Result<u64, Box<dyn Error>> {
-    fn run<const D: usize>(setup: &greenwater::case::Setup<D>, steps: usize) -> Result<u64, Box<dyn Error>> {
-        let mut simulation = setup.simulation()?;
+    fn run<const D: usize>(mut simulation: Simulation<D>, steps: usize) -> Result<u64, Box<dyn Error>> {
         simulation.start()?;
         for _ in 0..steps {
             simulation.advance()?;
@@ -23,8 +23,8 @@ pub fn fingerprint(case: &str, method: MethodName, steps: usize) -> Result<u64, 
         Ok(hash(simulation.particles()))
     }
     match Case::load(case, &[])?.for_method(method, None).checked()? {
-        AnySetup::D2(setup) => run(&setup, steps),
-        AnySetup::D3(setup) => run(&setup, steps),
+        AnySetup::D2(setup) => run(setup.simulation()?, steps),
+        AnySetup::D3(setup) => run(setup.simulation()?, steps),
     }
 }
 

@@ -268,7 +268,7 @@ impl<'a> Looker<'a> {
     fn look(&mut self, time: f64, p: &Particles<2>) -> Sample {
         let medium = self.setup.medium();
         let quality = self.meter.measure(p, &medium);
-        let water = front(p, &medium, 0.0, self.meter.neighbors());
+        let water = front(p, &medium, 0.0);
         let fluid = || (0..p.owned()).filter(|&a| p.is_fluid(a));
         let density = fluid()
             .map(|a| p.density[a] / medium.rest_density)

@@ -324,19 +324,36 @@ impl<const D: usize> Setup<D> {
     pub fn domain(&self) -> Domain<D> {
         Domain::new(self.bounds.min, self.bounds.max, self.bounds.periodic)
     }
+}
 
+// In concrete dimensions, so that the methods with all kernels are compiled once, in this crate.
+impl Setup<2> {
     /// The run, ready to start.
     ///
     /// # Errors
     /// Settings of the pressure solver that contradict each other; a checked case has none.
-    pub fn simulation(&self) -> Result<Simulation<D>, SolveError> {
-        let medium = self.medium();
-        let scheme: Box<dyn Scheme<D>> = with_kernel!(self.kernel, kernel => match &self.method {
-            MethodSettings::Wcsph(settings) => Box::new(Wcsph::new(kernel, medium, settings.clone())),
-            MethodSettings::IsphPaper(settings) => Box::new(IsphPaper::new(kernel, medium, settings.clone())?),
-        });
-        Ok(Simulation::new(self.particles.clone(), self.domain(), scheme, &medium, self.time.step))
+    pub fn simulation(&self) -> Result<Simulation<2>, SolveError> {
+        put_together(self)
     }
+}
+
+impl Setup<3> {
+    /// The run, ready to start.
+    ///
+    /// # Errors
+    /// Settings of the pressure solver that contradict each other; a checked case has none.
+    pub fn simulation(&self) -> Result<Simulation<3>, SolveError> {
+        put_together(self)
+    }
+}
+
+fn put_together<const D: usize>(setup: &Setup<D>) -> Result<Simulation<D>, SolveError> {
+    let medium = setup.medium();
+    let scheme: Box<dyn Scheme<D>> = with_kernel!(setup.kernel, kernel => match &setup.method {
+        MethodSettings::Wcsph(settings) => Box::new(Wcsph::new(kernel, medium, settings.clone())),
+        MethodSettings::IsphPaper(settings) => Box::new(IsphPaper::new(kernel, medium, settings.clone())?),
+    });
+    Ok(Simulation::new(setup.particles.clone(), setup.domain(), scheme, &medium, setup.time.step))
 }
 
 /// A checked case in the dimension it was written for.

@@ -15,9 +15,10 @@ use super::tables::{Cell, Table};
 use crate::case::Setup;
 use crate::observe::{Energy, Front, Observer, Quality, QualityMeter, View, energy, front, wall_pressure};
 use crate::physics::pressure::GAMMA;
+use crate::poisson::SolveError;
 use crate::scheme::wcsph::EquationOfState;
 use crate::scheme::{Medium, MethodSettings, StepError};
-use crate::simulation::{RunError, Stop};
+use crate::simulation::{RunError, Simulation, Stop};
 
 /// About the number of rows in `steps.csv`; every k-th step is written, and k doubles each time as many rows again are full.
 const STEP_ROWS: u64 = 16_000;
@@ -95,7 +96,7 @@ pub struct Finished {
     pub failure: Option<RunError>,
 }
 
-/// Makes a whole run and writes its folder at `path`. `command` is the command line, for the record; `watch` looks on.
+/// Makes a whole run, the `simulation` of `setup`, and writes its folder at `path`. `command` is the command line, for the record; `watch` looks on.
 ///
 /// A run that fails is no error here: its folder says why, and so does [`Finished::failure`].
 ///
@@ -103,6 +104,7 @@ pub struct Finished {
 /// The folder could not be made or written.
 pub fn record<const D: usize>(
     setup: &Setup<D>,
+    simulation: Result<Simulation<D>, SolveError>,
     path: &Path,
     existing: Existing,
     command: &[String],
@@ -110,7 +112,7 @@ pub fn record<const D: usize>(
 ) -> Result<Finished, OutputError> {
     let mut recorder = Recorder::create(setup, path, existing, command)?;
     let stop = Stop { end: setup.time.end, steps: setup.time.max_steps };
-    let outcome = match setup.simulation() {
+    let outcome = match simulation {
         Ok(mut simulation) => simulation.run(stop, &mut [&mut recorder, watch]),
         Err(source) => Err(RunError::Step { source: StepError::Pressure(source), time: 0.0, step: 0 }),
     };
