@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use greenwater::output::{Existing, OutputError};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::console;
 use crate::error::CliError;
@@ -41,7 +41,7 @@ pub fn report(args: &ReportArgs) -> Result<(), CliError> {
     }
 }
 
-/// The run folder itself, or those directly inside the folder of a comparison, sorted by name.
+/// The run folder itself, or those directly inside the folder of a comparison, in the order they were made.
 fn runs_in(path: &Path) -> Vec<PathBuf> {
     let is_run = |path: &Path| path.join("provenance.json").is_file();
     if is_run(path) {
@@ -49,7 +49,12 @@ fn runs_in(path: &Path) -> Vec<PathBuf> {
     }
     let inside = std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut runs: Vec<PathBuf> = inside.filter(|path| is_run(path)).collect();
-    runs.sort();
+    let started = |run: &PathBuf| {
+        let text = std::fs::read(run.join("provenance.json")).unwrap_or_default();
+        let value: Value = serde_json::from_slice(&text).unwrap_or_default();
+        (value["started"].as_str().unwrap_or_default().to_owned(), run.clone())
+    };
+    runs.sort_by_cached_key(started);
     // A folder without runs goes on as it is: the report says what is wrong with it.
     if runs.is_empty() { vec![path.to_owned()] } else { runs }
 }

@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A still pool of 8 x 4 fluid particles in a tank of two lines, ten steps of it.
+/// A still pool of 8 x 4 fluid particles in a tank of two lines, some fifty steps of it.
 const POOL: &str = r#"
 format = 1
 title = "Small pool"
@@ -22,7 +22,7 @@ layers = 2
 shapes = [{ tank = { min = [0.0, 0.0], max = [1.2, 0.8], open = ["top"] } }]
 
 [time]
-end = 0.01
+end = 0.05
 
 [[probe]]
 name = "corner"
@@ -149,7 +149,7 @@ fn a_bad_case_is_one_clear_error_with_exit_code_2_and_leaves_nothing() {
         (pool("max = [0.8, 0.4] } }]", "max = [0.0, 0.4] } }]"), "fluid.shapes[0]"),
         (pool("format = 1", "format = 2"), "`format` is 2"),
         (pool("[time]", "[time"), "not valid TOML"),
-        (pool("end = 0.01", ""), "`time.end` is missing"),
+        (pool("end = 0.05", ""), "`time.end` is missing"),
     ] {
         place.put("bad/case.toml", &case);
         for verb in ["check bad", "run bad --out made", "compare bad --out made"] {
@@ -245,7 +245,10 @@ fn a_run_is_never_written_over_without_force() {
     let (code, error) = place.fails("run pool --out precious --force");
     assert!(code == 2 && error.contains("not a run folder"), "{error}");
     assert_eq!(place.read("precious/thesis.txt"), "years of work");
-    assert_eq!(place.fails("compare pool --out precious/thesis.txt --force").0, 2);
+    assert_eq!(place.fails("run pool --out precious/thesis.txt --force").0, 2);
+    // All fluid gone is no success either.
+    let (code, error) = place.fails("run pool --out gone --end 2 --set time.step=0.1");
+    assert!(code == 4 && error.contains("outside the domain"), "{error}");
 }
 
 #[test]
@@ -371,10 +374,10 @@ fn frames_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn an_instability_ends_with_code_4_and_leaves_the_last_good_frame() {
     let place = Place::new();
-    // A step of 0.1 s: sound crosses forty spacings in it, an explicit method allows a fraction of one.
-    let (code, error) = place.fails("run pool --set time.step=0.1 --end 10 --out made");
+    // A step of 0.01 s: sound crosses three spacings in it, an explicit method allows a fraction of one.
+    let (code, error) = place.fails("run pool --set time.step=0.01 --end 1 --out made");
     assert_eq!(code, 4, "{error}");
-    assert!(error.contains("particle") && error.contains("at t = ") && error.contains("step"), "{error}");
+    assert!(error.contains("particle") && error.contains("t = 0.0") && error.contains("step "), "{error}");
     assert!(!place.path("made/DONE").exists());
     let failed = json(&place.read("made/FAILED.json"));
     assert_eq!(failed["exit_code"], 4);
@@ -386,7 +389,7 @@ fn an_instability_ends_with_code_4_and_leaves_the_last_good_frame() {
     let table = place.read("made/particles.csv");
     assert!(!table.contains("NaN") && !table.contains("inf"));
     // A comparison goes on with the other methods, shows all of them, and still fails.
-    let (code, error) = place.fails("compare pool --set time.step=0.1 --end 10 --out both");
+    let (code, error) = place.fails("compare pool --set time.step=0.01 --end 1 --out both");
     assert!(code == 4 && error.contains("wcsph"), "{error}");
     assert!(place.path("both/isph-paper/provenance.json").exists());
     assert!(place.read("both/report/index.html").contains("wcsph"));

@@ -69,7 +69,7 @@ pub enum StepError {
     /// A particle is faster than anything the case can cause.
     #[error(
         "velocity of particle {particle} is {speed:.3e} m/s, but this case cannot cause more than {limit:.3e} m/s; \
-         the method is unstable here: try a smaller `time.courant`"
+         the method is unstable here: try a smaller `time.courant` or `time.step`"
     )]
     Runaway {
         /// Name (`id`) of the particle.
@@ -79,13 +79,19 @@ pub enum StepError {
         /// The bound, m/s.
         limit: f64,
     },
+    /// All fluid has left the domain.
+    #[error(
+        "position of every fluid particle is outside the domain; the method is unstable here: try a smaller `time.courant` or `time.step`, \
+         or a larger `domain`"
+    )]
+    Empty,
 }
 
 impl StepError {
     /// Name of the field that went wrong.
     pub fn field(&self) -> &'static str {
         match self {
-            Self::Search(_) => "position",
+            Self::Search(_) | Self::Empty => "position",
             Self::Pressure(_) => "pressure",
             Self::NotFinite { field, .. } => field,
             Self::Runaway { .. } => "velocity",
@@ -96,7 +102,7 @@ impl StepError {
     pub fn particle(&self) -> Option<u32> {
         match self {
             Self::NotFinite { particle, .. } | Self::Runaway { particle, .. } => Some(*particle),
-            Self::Search(_) | Self::Pressure(_) => None,
+            Self::Search(_) | Self::Pressure(_) | Self::Empty => None,
         }
     }
 }

@@ -17,7 +17,7 @@ use crate::time::{Phases, StepLimit};
 #[non_exhaustive]
 pub enum RunError {
     /// A step failed: the method is unstable here, or its pressure equation could not be solved.
-    #[error("{source} at t = {time:.6} s (step {step})")]
+    #[error("t = {time:.6} s, step {step}: {source}")]
     Step {
         /// What failed.
         source: StepError,
@@ -207,7 +207,7 @@ impl<const D: usize> Simulation<D> {
         }
     }
 
-    /// Every field finite and no particle faster than the case can make it.
+    /// Every field finite, no particle faster than the case can make it, and some fluid left.
     fn check(&self) -> Result<(), StepError> {
         let p = &self.particles;
         let worst = largest(p.owned(), |a| {
@@ -215,7 +215,8 @@ impl<const D: usize> Simulation<D> {
             if sum.is_finite() { p.v[a].norm_squared() } else { f64::NAN }
         });
         if worst <= self.speed_limit * self.speed_limit || p.owned() == 0 {
-            return Ok(());
+            let empty = p.owned() > 0 && p.count(Kind::Fluid) == 0;
+            return if empty { Err(StepError::Empty) } else { Ok(()) };
         }
         for a in (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost) {
             let particle = p.id[a];

@@ -200,7 +200,7 @@ impl<'a, const D: usize> Recorder<'a, D> {
     /// The folder is in the way, or the system refuses.
     pub fn create(setup: &'a Setup<D>, path: &Path, existing: Existing, command: &[String]) -> Result<Self, OutputError> {
         let folder = RunFolder::create(path, existing)?;
-        let started = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
+        let started = humantime::format_rfc3339_micros(SystemTime::now()).to_string();
         let provenance = provenance(setup, command, &started);
         put(&folder, "provenance.json", pretty(&provenance).as_bytes())?;
         put(&folder, "case.toml", setup.written.as_bytes())?;
