@@ -152,7 +152,7 @@ pub struct Measured {
     pub iterations: Option<Spread>,
     /// Particles, fluid and wall.
     pub particles: u64,
-    /// Pressure noise over `ρ g H`, dimensionless.
+    /// Pressure noise over `ρ g H`, dimensionless: the median of the frames from a quarter to half of the end time.
     pub pressure_noise: Option<f64>,
     /// Density over rest density, dimensionless.
     pub density: Percentiles,
@@ -186,9 +186,9 @@ impl Measured {
         let front = run.front.against_time("front");
         let residual_height = run.front.against_time("residual_height");
         let column = |name| run.quality.numbers(name).iter().copied().filter(|v: &f64| v.is_finite());
-        let middle = || {
+        let early = || {
             let end = end_time?;
-            let inside = |t: f64| t >= 0.4 * end && t <= 0.6 * end;
+            let inside = |t: f64| t >= 0.25 * end && t <= 0.5 * end;
             let noise = run.quality.against_time("pressure_noise");
             median(noise.into_iter().filter(|p| inside(p[0])).map(|p| p[1]))
         };
@@ -217,7 +217,7 @@ impl Measured {
                 logged.iter().any(|n| *n > 0.0).then(|| Spread::of(logged))
             }),
             particles: run.particle_count(),
-            pressure_noise: summary.pressure_noise.or_else(middle),
+            pressure_noise: summary.pressure_noise.or_else(early),
             density: Percentiles {
                 p01: percentiles.p01.or_else(|| column("density_p01").reduce(f64::min)),
                 p99: percentiles.p99.or_else(|| column("density_p99").reduce(f64::max)),

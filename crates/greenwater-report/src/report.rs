@@ -371,7 +371,9 @@ impl<'a> Report<'a> {
         }
         let pad = 4.0 * spacing;
         let limit = |range: [f64; 2], axis: usize| match bound(axis) {
-            Some([low, high]) => [range[0].clamp(low - pad, low), range[1].clamp(high, high + pad)],
+            // The same margin on both sides: what flew over a wall is no reason to shift the tank.
+            Some([low, high]) if axis == view.across => [low - spacing, high + spacing],
+            Some([low, high]) => [range[0].clamp(low - pad, low - spacing), range[1].clamp(high, high + pad)],
             None => range,
         };
         if across[0] >= across[1] || up[0] > up[1] {
@@ -611,7 +613,10 @@ impl<'a> Report<'a> {
             let band = edges.map(|((&t, &low), &high)| [t, low, high]).filter(|b| b.iter().all(|v| v.is_finite())).collect();
             let mean = Series { band, ..Series::line(&m.name, i, quality.against_time("density_mean")) };
             density.series.push(mean);
-            noise.series.push(Series::line(&m.name, i, quality.against_time("pressure_noise")));
+            // The exact start of a column at rest would stretch the logarithmic axis over round-off.
+            let above_round_off = |p: &[f64; 2]| p[1].is_nan() || p[1] > 1e-9;
+            let values = quality.against_time("pressure_noise").into_iter().filter(above_round_off).collect();
+            noise.series.push(Series::line(&m.name, i, values));
             volume.series.push(Series::line(&m.name, i, quality.against_time("volume_error")));
         }
         let references: Vec<&Reference> = self.references.iter().filter(|r| r.quantity == "pressure_noise").collect();
@@ -626,7 +631,7 @@ impl<'a> Report<'a> {
             (
                 "density",
                 density,
-                "Band: from the 1st to the 99th percentile of all fluid particles; line: the mean. A narrow band at 1 is what an incompressible fluid has.",
+                "Band: from the 1st to the 99th percentile of the fluid inside, away from the surface; line: the mean. A narrow band at 1 is what an incompressible fluid has.",
             ),
             (
                 "pressure-noise",
@@ -652,7 +657,7 @@ impl<'a> Report<'a> {
         }
         let relative = |v: Option<f64>| v.map_or("not known".to_owned(), |v| signed_percent(v - 1.0));
         blocks.push(Block::Table(Table {
-            caption: "Density relative to rest, volume error at the end, particles that left the tank, and pressure noise in the middle of the run.".into(),
+            caption: "Density relative to rest over all frames, volume error at the end, particles that left the tank, and pressure noise (median of the frames from a quarter to half of the end time).".into(),
             head: self.head("quality"),
             rows: vec![
                 self.row("density, 1st percentile", |m| relative(m.density.p01)),

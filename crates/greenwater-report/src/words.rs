@@ -155,7 +155,7 @@ fn extremes(methods: &[Measured], of: impl Fn(&Measured) -> Option<f64>) -> Opti
 fn noise(methods: &[Measured]) -> Finding {
     let detail = format!(
         "Pressure noise over \u{3c1}gH: {}. It is the RMS residual of a local linear fit of the pressure over \
-         neighbours within 3 spacings, interior fluid, in the middle of the run.",
+         neighbours within 3 spacings, interior fluid; the median of the frames from a quarter to half of the end time.",
         each(methods, |m| quantity(m.pressure_noise, ""))
     );
     let headline = match extremes(methods, |m| m.pressure_noise) {

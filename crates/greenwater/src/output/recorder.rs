@@ -74,7 +74,7 @@ pub struct Summary {
     pub pressure_noise: Option<f64>,
     /// From 25 % to 50 % of the end time asked for, s.
     pub pressure_noise_window: [f64; 2],
-    /// Medians over all frames of the 1st and 99th percentile of the density of interior fluid, over the rest density.
+    /// Lowest 1st and highest 99th percentile over all frames of the density of interior fluid, over the rest density.
     pub density_percentiles: BTreeMap<&'static str, Option<f64>>,
     /// Volume error in the last frame, dimensionless.
     pub volume_error: Option<f64>,
@@ -415,7 +415,7 @@ impl<'a, const D: usize> Recorder<'a, D> {
         let end = self.setup.time.end;
         let window = [0.25 * end, 0.5 * end];
         let inside = |time: f64| time >= window[0] && time <= window[1];
-        let of_frames = |value: fn(&Quality) -> f64| median(self.qualities.iter().map(|(_, q)| value(q)));
+        let of_frames = |value: fn(&Quality) -> f64| self.qualities.iter().map(move |(_, q)| value(q)).filter(|value| value.is_finite());
         let noise = self.qualities.iter().filter(|(time, _)| inside(*time)).map(|(_, q)| q.pressure_noise);
         let last_quality = self.qualities.last().map(|(_, q)| q);
         let rise = self.energies.map(|[first, _, highest]| (highest - first) / first.abs());
@@ -436,7 +436,10 @@ impl<'a, const D: usize> Recorder<'a, D> {
             lost_particles: self.last.lost,
             pressure_noise: median(noise),
             pressure_noise_window: window,
-            density_percentiles: BTreeMap::from([("p01", of_frames(|q| q.density_p01)), ("p99", of_frames(|q| q.density_p99))]),
+            density_percentiles: BTreeMap::from([
+                ("p01", of_frames(|q| q.density_p01).reduce(f64::min)),
+                ("p99", of_frames(|q| q.density_p99).reduce(f64::max)),
+            ]),
             volume_error: last_quality.map(|q| q.volume_error).filter(|error| error.is_finite()),
             energy: BTreeMap::from([
                 ("initial", self.energies.map(|e| e[0])),
