@@ -464,7 +464,7 @@ fn a_table_of_particles_arrives_as_it_is() {
     assert_eq!((p.kind[2], p.layer[2]), (Kind::Wall, 1));
     assert_eq!((p.v[0], p.density[1], p.pressure[0], p.mass[1], p.h[1]), (Vector([0.1, 0.2]), 999.0, 50.0, 10.5, 0.13));
     assert_eq!((setup.estimate.fluid, setup.estimate.walls), (2, 1));
-    assert_eq!(setup.particle_file, Some(folder.0.join("particles.csv")));
+    assert_eq!(setup.particle_file, Some(("particles.csv".to_owned(), folder.0.join("particles.csv"))));
     let again = Case::parse("case.toml", setup.resolved.clone(), Some(&folder.0), &[]).unwrap().checked().unwrap();
     assert_eq!(two_d(again).particles, setup.particles);
 
