@@ -58,10 +58,7 @@ pub fn check(args: &CheckArgs) -> Result<(), CliError> {
         format!("memory:    about {}", bytes(estimate.memory_bytes)),
         format!("disk:      about {} before compression", bytes(estimate.disk_bytes)),
         format!("steps:     {}", known(estimate.steps.map(|steps| format!("about {steps:.0}")))),
-        format!(
-            "time:      {}",
-            known(estimate.seconds.map(|seconds| format!("about {} on one core of a machine of 2024", duration(seconds))))
-        ),
+        format!("time:      {}", known(estimate.seconds.map(|seconds| format!("about {} on one core", duration(seconds))))),
     ];
     lines.extend(audit.warnings.iter().map(|warning| format!("warning:   {warning}")));
     lines.push(format!("preview:   {}", picture.display()));

@@ -23,14 +23,14 @@ pub enum CliError {
     Report(#[from] ReportError),
     /// A measurement.
     #[error(transparent)]
-    Bench(#[from] crate::bench::BenchError),
+    Bench(#[from] Box<crate::bench::BenchError>),
     /// A run ended early; its folder has the details.
     #[error("{method}: {source}; the last good state is the last frame of `{}`", folder.display())]
     Run {
         /// Name of the run.
         method: String,
         /// What happened.
-        source: RunError,
+        source: Box<RunError>,
         /// Its folder.
         folder: PathBuf,
     },

@@ -62,7 +62,7 @@ fn main() -> std::process::ExitCode {
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
         Command::Compare(args) => run::compare(args),
-        Command::Bench(args) => bench::run(args).map_err(CliError::from),
+        Command::Bench(args) => bench::run(args).map_err(|error| Box::new(error).into()),
         Command::Report(args) => report::report(args),
         Command::Export(args) => export::export(args),
         Command::Cases(args) => lists::cases(args),

@@ -121,7 +121,7 @@ pub fn run(args: &RunArgs) -> Result<(), CliError> {
     }
     match finished.failure {
         None => Ok(()),
-        Some(source) => Err(CliError::Run { method: method.to_owned(), source, folder: finished.folder }),
+        Some(error) => Err(CliError::Run { method: method.to_owned(), source: Box::new(error), folder: finished.folder }),
     }
 }
 
@@ -166,10 +166,10 @@ pub fn compare(args: &CompareArgs) -> Result<(), CliError> {
     } else {
         console::print(&format!("report: {}", paths.html.display()))?;
     }
-    let failed = names.into_iter().zip(finished).find_map(|(method, run)| run.failure.map(|source| (method, source, run.folder)));
+    let failed = names.into_iter().zip(finished).find_map(|(method, run)| run.failure.map(|error| (method, error, run.folder)));
     match failed {
         None => Ok(()),
-        Some((method, source, folder)) => Err(CliError::Run { method, source, folder }),
+        Some((method, error, folder)) => Err(CliError::Run { method, source: Box::new(error), folder }),
     }
 }
 

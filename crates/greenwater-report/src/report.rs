@@ -397,7 +397,7 @@ impl<'a> Report<'a> {
                 "front",
                 "Front position",
                 &FRONT_LEVELS[..],
-                "Front position of each method against the references (markers). A curve to the left of the markers is ahead of them; the axis ends soon after the front has met the far wall.",
+                "Front position of each method against the references (markers). A curve to the left of the markers is ahead of them; the axis ends soon after them.",
             ),
             (
                 "residual_height",
@@ -435,7 +435,8 @@ impl<'a> Report<'a> {
                 let arrivals = self.numbers.iter().filter_map(|m| crate::measure::peak(&times(&m.front), &values(&m.front)));
                 let arrival = arrivals.map(|p| p.time * time_scale).fold(0.0, f64::max);
                 let last = plot.series.iter().filter(|s| s.style == Style::Markers).flat_map(|s| &s.points);
-                let shown = 1.1 * last.map(|p| p[0]).fold(arrival, f64::max);
+                // Where there are markers they end with the arrival; a run may rise again later, over the wall.
+                let shown = last.map(|p| 1.3 * p[0]).reduce(f64::max).unwrap_or(1.1 * arrival);
                 let end = plot.series.iter().flat_map(|s| &s.points).map(|p| p[0]).filter(|t| t.is_finite()).fold(0.0, f64::max);
                 plot.x.range = Some([0.0, shown.min(end)]).filter(|[start, end]| start < end);
             }

@@ -136,7 +136,7 @@ pub struct Estimate {
     pub time_step: Option<f64>,
     /// Number of steps, where the time step is known.
     pub steps: Option<f64>,
-    /// Wall-clock time on one core, s, where the number of steps is known: see [`METHOD_COST`].
+    /// Wall-clock time on one core, s, where the number of steps is known: a guide, from dam breaks of some thousand particles.
     pub seconds: Option<f64>,
     /// Disk, bytes: all frames before compression, and 400 for a row of every table.
     pub disk_bytes: f64,
@@ -148,9 +148,9 @@ const BYTES_PER_PARTICLE: f64 = 600.0;
 const BYTES_PER_NEIGHBOUR: f64 = 5.0;
 /// Bytes of one row in each of the tables.
 const BYTES_PER_SAMPLE: f64 = 400.0;
-/// Wall-clock time of a step for one particle and one of its neighbours, s, on one core of a desktop machine of 2024, for `wcsph` and
-/// `isph-paper` with its default solver: measured on the dam break with 1409 to 4409 particles.
-pub const METHOD_COST: [f64; 2] = [3e-8, 1.2e-7];
+/// Wall-clock time of a step for one particle and one of its neighbours, s, on one core, for `wcsph` and `isph-paper` with its
+/// default solver: rounded from dam breaks of some thousand particles. Machines differ by a factor of two and more.
+const METHOD_COST: [f64; 2] = [4e-8, 1.6e-7];
 /// One GiB in bytes.
 const GIB: f64 = 1_073_741_824.0;
 

@@ -381,7 +381,7 @@ impl<'a, const D: usize> Recorder<'a, D> {
         if !keep {
             return Ok(());
         }
-        if self.dt.kept.len() as u64 % STEP_ROWS == 0 {
+        if (self.dt.kept.len() as u64).is_multiple_of(STEP_ROWS) {
             self.every *= 2;
         }
         let p = view.particles;
