@@ -37,7 +37,11 @@ pub fn cases(args: &CasesArgs) -> Result<(), CliError> {
 
 /// `greenwater methods`.
 pub fn methods(args: &ListArgs) -> Result<(), CliError> {
-    list("methods", MethodName::ALL.map(|method| (method.name(), method.text().to_owned())).to_vec(), args.json)
+    let text = |method: &MethodName| {
+        let (kernel, ratio) = method.kernel();
+        format!("{}; kernel {}, h = {ratio} spacings", method.text(), kernel.name())
+    };
+    list("methods", MethodName::ALL.iter().map(|method| (method.name(), text(method))).collect(), args.json)
 }
 
 /// `greenwater kernels`.

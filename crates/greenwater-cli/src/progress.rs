@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use greenwater::case::Setup;
 use greenwater::observe::{Observer, View, energy};
+use greenwater::physics::pressure::Elasticity;
 use greenwater::scheme::Medium;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -49,6 +50,7 @@ pub struct Progress<const D: usize> {
     label: String,
     end: f64,
     medium: Medium<D>,
+    elasticity: Elasticity,
     energy: Option<f64>,
     bar: Option<ProgressBar>,
     show: Show,
@@ -71,6 +73,7 @@ impl<const D: usize> Progress<D> {
             label: label.to_owned(),
             end: setup.time.end,
             medium: setup.medium(),
+            elasticity: setup.method.elasticity(&setup.medium()),
             energy: None,
             bar,
             show,
@@ -80,7 +83,7 @@ impl<const D: usize> Progress<D> {
     }
 
     fn message(&mut self, view: &View<D>) -> String {
-        let now = energy(view.particles, &self.medium, None).total();
+        let now = energy(view.particles, &self.medium, self.elasticity).total();
         let before = *self.energy.get_or_insert(now);
         let step = view.limit.map(|limit| format!(", dt {:.2e} s ({})", limit.dt, limit.name)).unwrap_or_default();
         let iterations = view.report.iterations.map(|n| format!(", {n} iterations")).unwrap_or_default();

@@ -230,8 +230,8 @@ fn key_value(text: &str) -> Result<(String, String), String> {
 /// Reads `METHOD` or `METHOD:PRESET`.
 pub fn method(text: &str) -> Result<(MethodName, Option<Preset>), String> {
     let (name, preset) = text.split_once(':').map_or((text, None), |(name, preset)| (name, Some(preset)));
-    let known = || MethodName::ALL.map(MethodName::name).join(", ");
-    let method = MethodName::ALL.into_iter().find(|method| method.name() == name);
+    let known = || MethodName::ALL.iter().map(|method| method.name()).collect::<Vec<_>>().join(", ");
+    let method = MethodName::ALL.iter().copied().find(|method| method.name() == name);
     let method = method.ok_or_else(|| format!("no method `{name}`; the methods are {}", known()))?;
     let preset = match preset {
         None => None,

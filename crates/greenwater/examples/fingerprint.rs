@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let case = arguments.next().unwrap_or_else(|| "dam-break-20".to_owned());
     let steps = arguments.next().map_or(Ok(20), |text| text.parse())?;
-    for method in MethodName::ALL {
+    for method in MethodName::ALL.iter().copied() {
         println!("{} {steps} {:016x}", method.name(), fingerprint(&case, method, steps)?);
     }
     Ok(())

@@ -22,7 +22,7 @@ pub fn page() -> String {
     table_of_keys(&mut page, &keys);
     page.push_str("\n## Shapes\n\nWhat `fluid.shapes` and `walls.shapes` take: `{ box = { min = [0.0, 0.0], max = [1.0, 1.0] } }`.\n\n");
     table_of_keys(&mut page, &shapes);
-    for method in MethodName::ALL {
+    for method in MethodName::ALL.iter().copied() {
         let prefix = format!("method({}).", method.name());
         let _ = write!(page, "\n## Method `{}`\n\n{}: {}. Keys of `[method]`:\n\n", method.name(), method.title(), method.text());
         let own = methods.iter().filter(|row| row.key.starts_with(&prefix));

@@ -130,6 +130,12 @@ impl<const D: usize> Neighbors<D> {
         }
     }
 
+    /// Position of particle `a`, m, as it was at the build.
+    #[inline(always)]
+    pub fn x(&self, a: usize) -> Vector<D> {
+        self.x[a]
+    }
+
     /// Smoothing length of particle `a`, m, as it was at the build.
     #[inline(always)]
     pub fn h(&self, a: usize) -> f64 {

@@ -47,6 +47,10 @@ pub struct Particles<const D: usize> {
     pub density_rate: Vec<f64>,
     /// 1 where the method sees a free surface, else 0.
     pub surface: Vec<u8>,
+    /// Number of the wall shape a wall particle belongs to, in the order of the case from 1; 0 for fluid and for particles of a table.
+    pub body: Vec<u16>,
+    /// Force of the fluid on a wall particle, mean over the last step, N (N/m in 2D): every momentum exchanged. Zero for fluid.
+    pub force: Vec<Vector<D>>,
     owned: usize,
 }
 
@@ -87,6 +91,8 @@ macro_rules! each_column {
         $do!(p.acceleration);
         $do!(p.density_rate);
         $do!(p.surface);
+        $do!(p.body);
+        $do!(p.force);
     }};
 }
 
@@ -111,6 +117,8 @@ impl<const D: usize> Particles<D> {
         self.acceleration.push(Vector::ZERO);
         self.density_rate.push(0.0);
         self.surface.push(0);
+        self.body.push(0);
+        self.force.push(Vector::ZERO);
         self.owned += 1;
     }
 
@@ -207,9 +215,10 @@ pub struct Field<const D: usize> {
 }
 
 /// Names, units and meanings of all fields, in the order they are listed to users.
-pub fn field_table<const D: usize>() -> [Field<D>; 13] {
+pub fn field_table<const D: usize>() -> [Field<D>; 15] {
     use FieldValue::{Flag, Integer, Scalar, Vector as Components};
     let depth = if D == 2 { "kg/m" } else { "kg" };
+    let newton = if D == 2 { "N/m" } else { "N" };
     macro_rules! field {
         ($name:literal, $unit:expr, $text:literal, $value:expr) => {
             Field { name: $name, unit: $unit, text: $text, value: $value }
@@ -229,6 +238,8 @@ pub fn field_table<const D: usize>() -> [Field<D>; 13] {
         field!("density_rate", "kg/(m3 s)", "rate of change of density of the last evaluation", |p, a| Scalar(p.density_rate[a])),
         field!("surface", "1", "1 where the method sees a free surface", |p, a| Flag(p.surface[a])),
         field!("layer", "1", "line of a wall particle, 1 touches the fluid; 0 for fluid", |p, a| Flag(p.layer[a])),
+        field!("body", "1", "number of the wall shape in the case, from 1; 0 for fluid", |p, a| Integer(u32::from(p.body[a]))),
+        field!("force", newton, "force of the fluid on a wall particle, mean over the last step", |p, a| Components(p.force[a])),
     ]
 }
 

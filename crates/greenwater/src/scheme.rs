@@ -1,7 +1,8 @@
 //! The methods: one file a published method, and the list of them.
 
-mod describe;
 pub mod isph_paper;
+mod list;
+mod settings;
 pub mod wcsph;
 
 use serde::{Deserialize, Serialize};
@@ -14,8 +15,9 @@ use crate::particles::Particles;
 use crate::poisson::SolveError;
 use crate::time::{Phases, StepLimit};
 
-pub use describe::Distinction;
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
+pub use list::{MethodName, MethodSettings};
+pub use settings::{BrokenRule, Distinction, Still};
 pub use wcsph::{Wcsph, WcsphSettings};
 
 /// A numerical method: advances particles by one time step.
@@ -144,45 +146,6 @@ impl<const D: usize> Medium<D> {
     }
 }
 
-/// The methods a case may name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum MethodName {
-    /// [`Wcsph`].
-    Wcsph,
-    /// [`IsphPaper`].
-    IsphPaper,
-}
-
-impl MethodName {
-    /// Every method, in the order they are listed to users.
-    pub const ALL: [Self; 2] = [Self::Wcsph, Self::IsphPaper];
-
-    /// The name as written in a case.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Wcsph => "wcsph",
-            Self::IsphPaper => "isph-paper",
-        }
-    }
-
-    /// A title for reports.
-    pub fn title(self) -> &'static str {
-        match self {
-            Self::Wcsph => "SPH (weakly compressible, the paper's)",
-            Self::IsphPaper => "ISPH (incompressible, the paper's)",
-        }
-    }
-
-    /// What it is and where it comes from, in one line.
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Wcsph => "explicit, weakly compressible, Lennard-Jones walls; Afanasiev, Makarchuk & Popov (2008), after Monaghan (1994)",
-            Self::IsphPaper => "a pressure equation each step, Morris walls; Afanasiev, Makarchuk & Popov (2008), after Shao & Lo (2003)",
-        }
-    }
-}
-
 /// Which defaults a method starts from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -200,42 +163,6 @@ impl Preset {
         match self {
             Self::Water => "water",
             Self::Paper => "paper",
-        }
-    }
-}
-
-/// A method with all its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(tag = "name", rename_all = "kebab-case")]
-pub enum MethodSettings {
-    /// Parameters of [`MethodName::Wcsph`].
-    Wcsph(WcsphSettings),
-    /// Parameters of [`MethodName::IsphPaper`].
-    IsphPaper(IsphPaperSettings),
-}
-
-impl MethodSettings {
-    /// The defaults of `method` under `preset`.
-    pub fn preset(method: MethodName, preset: Preset) -> Self {
-        match method {
-            MethodName::Wcsph => Self::Wcsph(WcsphSettings::preset(preset)),
-            MethodName::IsphPaper => Self::IsphPaper(IsphPaperSettings::preset(preset)),
-        }
-    }
-
-    /// Which method this is.
-    pub fn method(&self) -> MethodName {
-        match self {
-            Self::Wcsph(_) => MethodName::Wcsph,
-            Self::IsphPaper(_) => MethodName::IsphPaper,
-        }
-    }
-
-    /// The preset the defaults came from.
-    pub fn preset_name(&self) -> Preset {
-        match self {
-            Self::Wcsph(settings) => settings.preset,
-            Self::IsphPaper(settings) => settings.preset,
         }
     }
 }

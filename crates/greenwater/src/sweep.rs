@@ -15,6 +15,24 @@ pub(crate) fn sweep<T: Send>(out: &mut [T], value: impl Fn(usize) -> T + Sync) {
     });
 }
 
+/// `out[a] = value(workspace, a)` for every row; a thread makes a workspace for each share of the rows it takes.
+pub(crate) fn sweep_with<T: Send, W>(out: &mut [T], workspace: impl Fn() -> W + Sync + Send, value: impl Fn(&mut W, usize) -> T + Sync) {
+    out.par_chunks_mut(BLOCK).enumerate().for_each_init(workspace, |workspace, (block, rows)| {
+        for (i, row) in rows.iter_mut().enumerate() {
+            *row = value(workspace, block * BLOCK + i);
+        }
+    });
+}
+
+/// `change(a, &mut column[a])` for every row.
+pub(crate) fn update<T: Send>(column: &mut [T], change: impl Fn(usize, &mut T) + Sync) {
+    column.par_chunks_mut(BLOCK).enumerate().for_each(|(block, rows)| {
+        for (i, row) in rows.iter_mut().enumerate() {
+            change(block * BLOCK + i, row);
+        }
+    });
+}
+
 /// `(first[a], second[a]) = values(a)` for every row.
 pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values: impl Fn(usize) -> (T, U) + Sync) {
     debug_assert_eq!(first.len(), second.len());

@@ -2,52 +2,57 @@
 
 use crate::kernel::Kernel;
 use crate::math::{Vector, power};
-use crate::neighbors::{Neighbors, Pair};
+use crate::neighbors::Neighbors;
 use crate::particles::{Kind, Particles};
 use crate::sweep::sweep;
 
 /// A force per unit mass, m/s², of a wall particle on a fluid particle.
 #[derive(Clone, Debug, PartialEq)]
 pub enum WallForces<const D: usize> {
-    /// Equations (33)-(34), Monaghan (1994): `D ((r0/r)^p1 − (r0/r)^p2) x_ab/r²`.
-    LennardJones {
-        /// Strength `D`, m²/s².
-        strength: f64,
-        /// Range `r0`, m: the distance of no force.
-        range: f64,
-        /// `p1 > p2`, dimensionless.
-        exponents: [u32; 2],
-        /// Distance of the last force, m: `r0` for repulsion only.
-        cutoff: f64,
-    },
-    /// Monaghan (2005), section 5: along the normal of the wall, even along the wall. Wall particle `b` acts on fluid particle
-    /// `a` in front of it with the share `m_b/(m_a + m_b)` of the force.
-    Normal {
-        /// Speed of sound at rest, m/s.
-        sound: f64,
-        /// Spacing of the wall particles, m.
-        spacing: f64,
-        /// Unit normal of each wall particle of the first line, towards the fluid; zero for all other particles.
-        normals: Vec<Vector<D>>,
-    },
+    /// Monaghan (1994).
+    LennardJones(LennardJones),
+    /// Monaghan (2005).
+    Normal(NormalForce<D>),
 }
 
-impl<const D: usize> WallForces<D> {
-    /// Force per unit mass of wall particle `pair.b` on fluid particle `a`, m/s².
+/// Equations (33)-(34), Monaghan (1994): `D ((r0/r)^p1 − (r0/r)^p2) x_ab/r²`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LennardJones {
+    /// Strength `D`, m²/s².
+    pub strength: f64,
+    /// Range `r0`, m: the distance of no force.
+    pub range: f64,
+    /// `p1 > p2`, dimensionless.
+    pub exponents: [u32; 2],
+    /// Distance of the last force, m: `r0` for repulsion only.
+    pub cutoff: f64,
+}
+
+impl LennardJones {
+    /// Force per unit mass on the fluid particle at `x_ab` (length `r`, m) from a wall particle, m/s².
     #[inline(always)]
-    pub fn on(&self, p: &Particles<D>, a: usize, pair: Pair<D>) -> Vector<D> {
-        match self {
-            &Self::LennardJones { strength, range, exponents, cutoff } => {
-                if pair.r >= cutoff {
-                    return Vector::ZERO;
-                }
-                lennard_jones(strength, range, exponents, pair.r) * pair.x_ab
-            }
-            Self::Normal { sound, spacing, normals } => {
-                let mass_share = p.mass[pair.b] / (p.mass[a] + p.mass[pair.b]);
-                mass_share * normal_force(*sound, *spacing, pair.x_ab, normals[pair.b], pair.h)
-            }
-        }
+    pub fn on<const D: usize>(&self, x_ab: Vector<D>, r: f64) -> Vector<D> {
+        if r < self.cutoff { lennard_jones(self.strength, self.range, self.exponents, r) * x_ab } else { Vector::ZERO }
+    }
+}
+
+/// Monaghan (2005), section 5: along the normal of the wall, even along the wall.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NormalForce<const D: usize> {
+    /// Speed of sound at rest, m/s.
+    pub sound: f64,
+    /// Spacing of the wall particles, m.
+    pub spacing: f64,
+    /// Unit normal of each wall particle of the first line, towards the fluid; zero for all other particles.
+    pub normals: Vec<Vector<D>>,
+}
+
+impl<const D: usize> NormalForce<D> {
+    /// Force per unit mass of `wall` on `fluid` in front of it, `x_ab` away, m/s²: the share `m_b/(m_a + m_b)` of the whole.
+    #[inline(always)]
+    pub fn on(&self, p: &Particles<D>, fluid: usize, wall: usize, x_ab: Vector<D>, h: f64) -> Vector<D> {
+        let mass_share = p.mass[wall] / (p.mass[fluid] + p.mass[wall]);
+        mass_share * normal_force(self.sound, self.spacing, x_ab, self.normals[wall], h)
     }
 }
 

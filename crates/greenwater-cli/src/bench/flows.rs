@@ -5,9 +5,8 @@ use std::time::Instant;
 use greenwater::case::{Case, Reference, Setup};
 use greenwater::observe::{Quality, QualityMeter, energy, front, wall_pressure};
 use greenwater::particles::{Kind, Particles};
-use greenwater::physics::pressure::GAMMA;
-use greenwater::scheme::wcsph::EquationOfState;
-use greenwater::scheme::{MethodName, MethodSettings, Preset};
+use greenwater::physics::pressure::Elasticity;
+use greenwater::scheme::{MethodName, Preset};
 use greenwater_report::measure::{FRONT_LEVELS, lead};
 use serde_json::{Map, json};
 
@@ -239,8 +238,7 @@ struct Looker<'a> {
     setup: &'a Setup<2>,
     meter: QualityMeter<2>,
     /// `B` of the equation of state, Pa, where it is one number; none for an incompressible method.
-    stiffness: Option<f64>,
-    has_energy: bool,
+    elasticity: Elasticity,
     /// First line of the right wall, m.
     wall: f64,
 }
@@ -250,14 +248,8 @@ impl<'a> Looker<'a> {
         let medium = setup.medium();
         let p = &setup.particles;
         let first_line = (0..p.owned()).filter(|&a| p.kind[a] == Kind::Wall && p.layer[a] == 1).map(|a| p.x[a][0]);
-        let (stiffness, has_energy) = match &setup.method {
-            MethodSettings::Wcsph(s) => {
-                let b = s.stiffness * medium.rest_density * medium.g() * medium.depth / f64::from(GAMMA);
-                (Some(b), s.equation_of_state == EquationOfState::Constant)
-            }
-            MethodSettings::IsphPaper(_) => (None, true),
-        };
-        Self { setup, meter: QualityMeter::new(setup.spacing), stiffness, has_energy, wall: first_line.fold(f64::NEG_INFINITY, f64::max) }
+        let elasticity = setup.method.elasticity(&medium);
+        Self { setup, meter: QualityMeter::new(setup.spacing), elasticity, wall: first_line.fold(f64::NEG_INFINITY, f64::max) }
     }
 
     fn pressure_scale(&self) -> f64 {
@@ -281,7 +273,7 @@ impl<'a> Looker<'a> {
             residual_height: water.residual_height,
             quality,
             density,
-            energy: if self.has_energy { energy(p, &medium, self.stiffness).total() } else { f64::NAN },
+            energy: if self.elasticity != Elasticity::Unknown { energy(p, &medium, self.elasticity).total() } else { f64::NAN },
             wall_pressure: wall_pressure(p, &medium, probe),
             gap,
             contact,

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::method;
 use super::sections::Sections;
 use super::shape::Shape;
-use crate::scheme::{IsphPaperSettings, MethodName, MethodSettings, Preset, WcsphSettings};
+use crate::scheme::{MethodName, MethodSettings, Preset};
 
 /// A key of the case format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -37,7 +37,7 @@ pub fn reference() -> &'static [KeyRow] {
         let mut rows = Vec::new();
         section_rows(&schema(), "", &mut rows);
         shape_rows(&mut rows);
-        for name in MethodName::ALL {
+        for &name in MethodName::ALL {
             method_rows(name, &mut rows);
         }
         rows
@@ -110,10 +110,7 @@ fn method_rows(name: MethodName, rows: &mut Vec<KeyRow>) {
     let defaults = |preset| method::table(&MethodSettings::preset(name, preset));
     let (water, paper) = (defaults(Preset::Water), defaults(Preset::Paper));
     let settings = SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
-    let schema = match name {
-        MethodName::Wcsph => settings.into_generator().into_root_schema_for::<WcsphSettings>(),
-        MethodName::IsphPaper => settings.into_generator().into_root_schema_for::<IsphPaperSettings>(),
-    };
+    let schema = name.schema(settings.into_generator());
     let first = rows.len();
     section_rows(&schema.to_value(), "", rows);
     rows.retain(|row| row.key != "preset");

@@ -131,22 +131,18 @@ impl Default for Method {
     }
 }
 
-/// The smoothing kernel.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// The smoothing kernel. What is left out is the method's own choice (see `greenwater methods`).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Kernel {
     /// Name of the kernel.
-    #[schemars(with = "String", extend("rule" = "a name that `greenwater kernels` lists"))]
-    pub name: KernelName,
-    /// Smoothing length over spacing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>", extend("rule" = "a name that `greenwater kernels` lists"))]
+    pub name: Option<KernelName>,
+    /// Smoothing length over spacing; where only the kernel is named: the method's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("rule" = "0.5 to 5"))]
-    pub h_over_spacing: f64,
-}
-
-impl Default for Kernel {
-    fn default() -> Self {
-        Self { name: KernelName::default(), h_over_spacing: 1.2 }
-    }
+    pub h_over_spacing: Option<f64>,
 }
 
 /// How long, and in what steps.

@@ -8,7 +8,7 @@ use toml::Value;
 use super::error::{CaseError, Choices};
 use super::method;
 use super::particle_file;
-use super::sections::{InitialPressure, Precision, Reference, Sections, Time};
+use super::sections::{InitialPressure, Kernel, Precision, Reference, Sections, Time};
 use super::shape::{AXES, Lattice, Region, Shape, is_whole, too_close, vector};
 use super::source::{Source, inside};
 use crate::domain::Domain;
@@ -17,8 +17,7 @@ use crate::machine::memory;
 use crate::math::Vector;
 use crate::particles::{Kind, Particle, Particles, field_table};
 use crate::poisson::SolveError;
-use crate::scheme::wcsph::InitialDensity;
-use crate::scheme::{IsphPaper, Medium, MethodName, MethodSettings, Preset, Scheme, Wcsph};
+use crate::scheme::{Medium, MethodName, MethodSettings, Preset, Still};
 use crate::simulation::Simulation;
 use crate::with_kernel;
 
@@ -148,9 +147,6 @@ const BYTES_PER_PARTICLE: f64 = 600.0;
 const BYTES_PER_NEIGHBOUR: f64 = 5.0;
 /// Bytes of one row in each of the tables.
 const BYTES_PER_SAMPLE: f64 = 400.0;
-/// Wall-clock time of a step for one particle and one of its neighbours, s, on one core, for `wcsph` and `isph-paper` with its
-/// default solver: rounded from dam breaks of some thousand particles. Machines differ by a factor of two and more.
-const METHOD_COST: [f64; 2] = [4e-8, 1.6e-7];
 /// One GiB in bytes.
 const GIB: f64 = 1_073_741_824.0;
 
@@ -165,7 +161,8 @@ impl<const D: usize> Setup<D> {
         check(density > 0.0, "fluid.density", density, "> 0")?;
         check(s.fluid.viscosity >= 0.0, "fluid.viscosity", s.fluid.viscosity, ">= 0")?;
         source.rule((1..=32).contains(&s.walls.layers), "walls.layers", s.walls.layers, "1 to 32")?;
-        let ratio = s.kernel.h_over_spacing;
+        let (own_kernel, own_ratio) = s.method.name.kernel();
+        let (kernel, ratio) = (s.kernel.name.unwrap_or(own_kernel), s.kernel.h_over_spacing.unwrap_or(own_ratio));
         check((0.5..=5.0).contains(&ratio), "kernel.h_over_spacing", ratio, "0.5 to 5")?;
         check(s.time.end > 0.0, "time.end", s.time.end, "> 0")?;
         check(s.time.courant > 0.0 && s.time.courant <= 1.0, "time.courant", s.time.courant, "> 0 and <= 1")?;
@@ -183,12 +180,8 @@ impl<const D: usize> Setup<D> {
         let shapes_or_file = fluid.is_empty() == s.fluid.from_file.is_some();
         source.rule(shapes_or_file, "fluid.shapes", format!("a list of {}", fluid.len()), "given, or `fluid.from_file`, and not both")?;
 
-        let mut method = method::settings(&s.method, source)?;
-        if let MethodSettings::Wcsph(settings) = &mut method {
-            let from_file = s.fluid.from_file.is_some();
-            settings.initial_density.get_or_insert(if from_file { InitialDensity::Given } else { InitialDensity::Hydrostatic });
-        }
-        let limits = Limits::of(s, &method, source, neighbours::<D>(s.kernel.name.radius() * ratio))?;
+        let mut method = method::settings(&s.method, kernel.radius() * ratio, source)?;
+        let limits = Limits::of(s, method.clone(), source, neighbours::<D>(kernel.radius() * ratio))?;
         let predicted = fluid.iter().chain(&walls).map(|(_, region)| region.predicted(dx, s.walls.layers)).sum();
         limits.check(predicted, source)?;
         check_sides(fluid.iter().chain(&walls), dx, source)?;
@@ -221,13 +214,7 @@ impl<const D: usize> Setup<D> {
         let top = highest(fluid_box, up);
         let floor = -highest(fluid_box, -up);
         let depth = top - floor;
-        let mut resolved_method = method.clone();
-        if let MethodSettings::Wcsph(settings) = &mut resolved_method {
-            let depth = *settings.depth.get_or_insert(depth);
-            settings.floor.get_or_insert(floor);
-            settings.wall_strength.get_or_insert(5.0 * g * depth);
-            settings.wall_range.get_or_insert(dx);
-        }
+        method.resolve(&Still { g, depth, floor, spacing: dx, from_file: s.fluid.from_file.is_some() });
         if s.fluid.initial_pressure == InitialPressure::Hydrostatic {
             for row in bodies.rows.iter_mut().filter(|row| row.table_id.is_none() && row.particle.kind == Kind::Fluid) {
                 row.particle.pressure = density * g * (top - row.particle.x.dot(up));
@@ -237,13 +224,13 @@ impl<const D: usize> Setup<D> {
         let fastest = bodies.rows.iter().map(|row| row.particle.v.norm()).fold(0.0, f64::max);
         let particles = bodies.into_particles(source)?;
 
-        let bounds = bounds(s, &particles, fluid_box, up, source)?;
+        let bounds = bounds(s, kernel.radius(), &particles, fluid_box, up, source)?;
         let probes = probes(s, &bounds, source)?;
         let compare = compare_plan(s, source)?;
         let output = output_plan(s, &compare, source)?;
 
         let time_step = s.time.step.or_else(|| {
-            let speed = (2.0 * (g * depth).sqrt()).max(fastest) + sound_speed(&method, g, depth);
+            let speed = (2.0 * (g * depth).sqrt()).max(fastest) + method.sound_speed(g, depth, fastest);
             (speed > 0.0).then(|| s.time.courant * h / speed)
         });
         let steps = time_step.map(|step| (s.time.end / step).ceil().min(s.time.max_steps.unwrap_or(u64::MAX) as f64));
@@ -256,7 +243,7 @@ impl<const D: usize> Setup<D> {
             memory_bytes: limits.memory_of(count),
             time_step,
             steps,
-            seconds: steps.map(|steps| steps * count * limits.neighbours * METHOD_COST[usize::from(method.method() != MethodName::Wcsph)]),
+            seconds: steps.map(|steps| steps * count * limits.neighbours * method.step_cost()),
             disk_bytes: output.frame_times.len() as f64 * count * bytes_of_frame_row::<D>(&output) + samples * BYTES_PER_SAMPLE,
         };
 
@@ -269,7 +256,8 @@ impl<const D: usize> Setup<D> {
         s.output.sample_interval = Some(output.sample_interval);
         s.compare.times = Some(compare.times.clone());
         s.limits.memory_gib = Some(limits.memory_gib);
-        s.method.keys = method::table(&resolved_method);
+        s.kernel = Kernel { name: Some(kernel), h_over_spacing: Some(ratio) };
+        s.method.keys = method::table(&method);
         for name in ["name", "preset"] {
             s.method.keys.remove(name);
         }
@@ -286,10 +274,10 @@ impl<const D: usize> Setup<D> {
             width: fluid_box.1[0] - fluid_box.0[0],
             fluid_volume,
             particles,
-            kernel: sections.kernel.name,
+            kernel,
             h_over_spacing: ratio,
             smoothing_length: h,
-            method: resolved_method,
+            method,
             time: sections.time,
             bounds,
             probes,
@@ -349,10 +337,7 @@ impl Setup<3> {
 
 fn put_together<const D: usize>(setup: &Setup<D>) -> Result<Simulation<D>, SolveError> {
     let medium = setup.medium();
-    let scheme: Box<dyn Scheme<D>> = with_kernel!(setup.kernel, kernel => match &setup.method {
-        MethodSettings::Wcsph(settings) => Box::new(Wcsph::new(kernel, medium, settings.clone())),
-        MethodSettings::IsphPaper(settings) => Box::new(IsphPaper::new(kernel, medium, settings.clone())?),
-    });
+    let scheme = with_kernel!(setup.kernel, kernel => setup.method.scheme(kernel, medium)?);
     Ok(Simulation::new(setup.particles.clone(), setup.domain(), scheme, &medium, setup.time.step))
 }
 
@@ -478,15 +463,15 @@ fn neighbours<const D: usize>(reach: f64) -> f64 {
 }
 
 /// What the case may use, and what a particle takes.
-struct Limits<'a> {
-    method: &'a MethodSettings,
+struct Limits {
+    method: MethodSettings,
     particles: u64,
     memory_gib: f64,
     neighbours: f64,
 }
 
-impl<'a> Limits<'a> {
-    fn of(s: &Sections, method: &'a MethodSettings, source: &Source, neighbours: f64) -> Result<Self, CaseError> {
+impl Limits {
+    fn of(s: &Sections, method: MethodSettings, source: &Source, neighbours: f64) -> Result<Self, CaseError> {
         let particles = s.limits.particles;
         source.rule((1..=4_000_000_000).contains(&particles), "limits.particles", particles, "1 to 4000000000")?;
         let memory_gib = s.limits.memory_gib.unwrap_or_else(|| (0.75 * memory() / GIB * 1e3).round() / 1e3);
@@ -496,7 +481,7 @@ impl<'a> Limits<'a> {
 
     /// Bytes for `count` particles.
     fn memory_of(&self, count: f64) -> f64 {
-        let solver = method::solver_memory(self.method, count, self.neighbours);
+        let solver = self.method.memory(count, self.neighbours);
         count * (BYTES_PER_PARTICLE + BYTES_PER_NEIGHBOUR * self.neighbours) + solver
     }
 
@@ -528,6 +513,8 @@ struct Fill {
 struct Row<const D: usize> {
     particle: Particle<D>,
     body: u32,
+    /// Number of the wall shape, from 1; 0 for fluid and for a table.
+    wall: u16,
     table_id: Option<u32>,
 }
 
@@ -548,20 +535,21 @@ impl<const D: usize> Bodies<D> {
     fn add_table(&mut self, table: Vec<particle_file::Row<D>>) {
         let body = self.keys.len() as u32;
         self.keys.push("fluid.from_file".to_owned());
-        self.rows.extend(table.into_iter().map(|(id, particle, _)| Row { particle, body, table_id: Some(id) }));
+        self.rows.extend(table.into_iter().map(|(id, particle, _)| Row { particle, body, wall: 0, table_id: Some(id) }));
     }
 
     /// Fills the shapes and sorts their particles by position, x first.
     fn fill(&mut self, shapes: &[Named<D>], kind: Kind, common: Lattice<D>, fill: &Fill) {
         let first = self.rows.len();
         let mass = fill.density * (0..D).map(|_| fill.dx).product::<f64>();
-        for (key, region) in shapes {
+        for ((key, region), number) in shapes.iter().zip(1..) {
+            let wall = if kind == Kind::Wall { number } else { 0 };
             let body = self.keys.len() as u32;
             self.keys.push(key.clone());
             region.fill(region.lattice(common), fill.layers, |x, line| {
                 let layer = if kind == Kind::Wall { line } else { 0 };
                 let particle = Particle { kind, layer, x, v: Vector::ZERO, mass, density: fill.density, pressure: 0.0, h: fill.h };
-                self.rows.push(Row { particle, body, table_id: None });
+                self.rows.push(Row { particle, body, wall, table_id: None });
             });
         }
         self.rows[first..].sort_by(|a, b| {
@@ -602,6 +590,9 @@ impl<const D: usize> Bodies<D> {
                 source.broken("fluid.from_file", value, "a table whose largest id leaves room up to 4294967295 for the other particles")
             })?;
             particles.push(id, row.particle);
+            if let Some(body) = particles.body.last_mut() {
+                *body = row.wall;
+            }
         }
         Ok(particles)
     }
@@ -635,6 +626,7 @@ fn highest<const D: usize>((min, max): (Vector<D>, Vector<D>), up: Vector<D>) ->
 
 fn bounds<const D: usize>(
     s: &Sections,
+    kernel_radius: f64,
     particles: &Particles<D>,
     fluid_box: (Vector<D>, Vector<D>),
     up: Vector<D>,
@@ -659,7 +651,7 @@ fn bounds<const D: usize>(
             None => source.rule(!periodic.contains(&true), key, "left out", "given where an axis is periodic")?,
         }
     }
-    let reach = 2.0 * s.kernel.name.radius() * particles.h_max();
+    let reach = 2.0 * kernel_radius * particles.h_max();
     for d in 0..D {
         source.rule(max[d] > min[d], "domain.max", format!("{:?}", max.0), format!("greater than `domain.min` along {}", AXES[d]))?;
         let wide = !periodic[d] || max[d] - min[d] >= reach;
@@ -794,12 +786,4 @@ fn bytes_of_frame_row<const D: usize>(output: &OutputPlan) -> f64 {
     let numbers =
         3 + output.fields.iter().map(|field| if ["velocity", "acceleration", "position"].contains(field) { 3 } else { 1 }).sum::<usize>();
     numbers as f64 * if output.precision == Precision::Float64 { 8.0 } else { 4.0 }
-}
-
-/// Sound speed that limits the step of a method, m/s.
-fn sound_speed(method: &MethodSettings, g: f64, depth: f64) -> f64 {
-    match method {
-        MethodSettings::Wcsph(s) => (s.stiffness * g * s.depth.unwrap_or(depth)).sqrt(),
-        MethodSettings::IsphPaper(_) => 0.0,
-    }
 }

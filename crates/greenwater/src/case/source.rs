@@ -8,6 +8,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseError, Choices, Place};
 use super::reference::meaning;
+use crate::scheme::{MethodName, MethodSettings};
 
 /// The text of a case and where it came from.
 #[derive(Clone, Debug)]
@@ -35,7 +36,20 @@ impl Source {
 
     /// Reads `value`, which stands under `prefix`, as a `T`.
     pub fn read<T: DeserializeOwned>(&self, prefix: &str, value: Value) -> Result<T, CaseError> {
-        serde_path_to_error::deserialize(value).map_err(|e| {
+        self.explained(prefix, serde_path_to_error::deserialize(value))
+    }
+
+    /// Reads the parameters of a method, which stand under `method`.
+    pub fn read_method(&self, name: MethodName, value: Value) -> Result<MethodSettings, CaseError> {
+        let mut track = serde_path_to_error::Track::new();
+        let reader = serde_path_to_error::Deserializer::new(value, &mut track);
+        let read = MethodSettings::read(name, reader);
+        self.explained("method", read.map_err(|error| serde_path_to_error::Error::new(track.path(), error)))
+    }
+
+    /// Says where what could not be read stands, for values under `prefix`.
+    fn explained<T>(&self, prefix: &str, read: Result<T, serde_path_to_error::Error<toml::de::Error>>) -> Result<T, CaseError> {
+        read.map_err(|e| {
             let path = e.path().to_string();
             let key = match (prefix, path.as_str()) {
                 ("", path) => path.to_owned(),

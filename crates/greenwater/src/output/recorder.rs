@@ -14,10 +14,9 @@ use super::provenance::provenance;
 use super::tables::{Cell, Table};
 use crate::case::Setup;
 use crate::observe::{Energy, Front, Observer, Quality, QualityMeter, View, energy, front, wall_pressure};
-use crate::physics::pressure::GAMMA;
+use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
-use crate::scheme::wcsph::EquationOfState;
-use crate::scheme::{Medium, MethodSettings, StepError};
+use crate::scheme::{Medium, StepError};
 use crate::simulation::{RunError, Simulation, Stop};
 
 /// About the number of rows in `steps.csv`; every k-th step is written, and k doubles each time as many rows again are full.
@@ -124,7 +123,7 @@ pub struct Recorder<'a, const D: usize> {
     setup: &'a Setup<D>,
     medium: Medium<D>,
     /// `B` of the elastic energy, Pa.
-    stiffness: Option<f64>,
+    elasticity: Elasticity,
     folder: RunFolder,
     frames: Frames<D>,
     energy: Table,
@@ -215,17 +214,11 @@ impl<'a, const D: usize> Recorder<'a, D> {
         let joule = if D == 2 { "J/m" } else { "J" };
         let energy = ["kinetic", "potential", "elastic", "total"].map(|part| format!("{part} [{joule}]")).join(",");
         let probe_names: String = setup.probes.iter().map(|probe| format!(",{} [Pa]", probe.name)).collect();
-        let stiffness = match &setup.method {
-            MethodSettings::Wcsph(s) if s.equation_of_state == EquationOfState::Constant => {
-                Some(s.stiffness * setup.rest_density * setup.gravity.norm() * s.depth.unwrap_or(setup.depth) / f64::from(GAMMA))
-            }
-            _ => None,
-        };
         let p = &setup.particles;
         let back = (0..p.owned()).filter(|&a| p.is_fluid(a)).map(|a| p.x[a][0]).fold(f64::INFINITY, f64::min) - 0.5 * setup.spacing;
         let mut recorder = Self {
             medium: setup.medium(),
-            stiffness,
+            elasticity: setup.method.elasticity(&setup.medium()),
             frames: Frames::new(&setup.output.fields, setup.output.precision, setup.output.frame_times.clone()),
             energy: table("energy.csv", &format!("time [s],{energy}"))?,
             front: table("front.csv", "time [s],front [m],residual_height [m]")?,
@@ -323,13 +316,12 @@ impl<'a, const D: usize> Recorder<'a, D> {
 
     /// What the elastic energy leaves out.
     fn energy_note(&self) -> Option<&'static str> {
-        let weakly_compressible = matches!(self.setup.method, MethodSettings::Wcsph(_));
-        (weakly_compressible && self.stiffness.is_none())
+        (self.elasticity == Elasticity::Unknown)
             .then_some("elastic energy is written as 0: with B by height the equation of state has no energy common to all particles")
     }
 
     fn sample(&mut self, view: &View<D>) -> io::Result<()> {
-        let Energy { kinetic, potential, elastic } = energy(view.particles, &self.medium, self.stiffness);
+        let Energy { kinetic, potential, elastic } = energy(view.particles, &self.medium, self.elasticity);
         let total = kinetic + potential + elastic;
         self.energy.numbers([view.time, kinetic, potential, elastic, total])?;
         let [first, _, highest] = self.energies.unwrap_or([total, total, total]);

@@ -17,6 +17,34 @@ pub fn speed_of_sound(stiffness: f64, density: f64, rest_density: f64) -> f64 {
     (f64::from(GAMMA) * stiffness / rest_density * power(density / rest_density, GAMMA - 1)).sqrt()
 }
 
+/// How the equation of state of a method stores energy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Elasticity {
+    /// Not at all: the fluid is incompressible.
+    None,
+    /// As (25) with the `B` given, Pa.
+    Tait(f64),
+    /// As `p = c² (ρ − ρ0)` with the speed of sound `c` given, m/s.
+    Linear(f64),
+    /// In a way that has no energy common to all particles.
+    Unknown,
+}
+
+impl Elasticity {
+    /// Elastic energy per mass of fluid of a density, J/kg: `∫ p/ρ² dρ` from rest; 0 where there is none to give.
+    pub fn energy(self, density: f64, rest_density: f64) -> f64 {
+        let ratio = density / rest_density;
+        match self {
+            Self::None | Self::Unknown => 0.0,
+            Self::Tait(b) => {
+                let gamma = f64::from(GAMMA);
+                b / rest_density * ((power(ratio, GAMMA - 1) - 1.0) / (gamma - 1.0) + 1.0 / ratio - 1.0)
+            }
+            Self::Linear(c) => c * c * (ratio.ln() + 1.0 / ratio - 1.0),
+        }
+    }
+}
+
 /// The symmetric pressure factor of (20), `p_a/ρ_a² + p_b/ρ_b²`, m⁵/(kg s²) in 3D: equal for both particles of a pair, so that
 /// their forces cancel exactly.
 #[inline(always)]

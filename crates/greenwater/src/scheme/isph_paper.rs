@@ -3,17 +3,18 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::settings::{BrokenRule, Settings, changed, paper_departures};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
-use crate::kernel::Kernel;
+use crate::kernel::{Kernel, KernelName};
 use crate::math::Vector;
-use crate::neighbors::{Neighbors, Pair, Search};
+use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::pressure::{laplacian_brookshaw, laplacian_shao_lo, symmetric};
 use crate::physics::surface::{Arcs, SurfaceTest, is_exposed};
 use crate::physics::{summation_density, viscosity};
-use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport, SolverSettings};
-use crate::sweep::{largest, sweep, sweep2};
+use crate::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
+use crate::sweep::{largest, sweep, sweep_with, sweep2, update};
 use crate::time::{Phases, StepLimit};
 use crate::walls::{first_line_parents, wall_normals};
 
@@ -117,6 +118,127 @@ impl IsphPaperSettings {
     }
 }
 
+impl Settings for IsphPaperSettings {
+    const KERNEL: (KernelName, f64) = (KernelName::CubicSpline, 1.2);
+    const STEP_COST: f64 = 1.6e-7;
+
+    fn preset(preset: Preset) -> Self {
+        Self::preset(preset)
+    }
+
+    fn preset_name(&self) -> Preset {
+        self.preset
+    }
+
+    fn check(&self, reach: f64) -> Result<(), BrokenRule> {
+        let s = self;
+        BrokenRule::unless_positive("eta", s.eta)?;
+        BrokenRule::unless_not_negative("alpha", s.alpha)?;
+        let threshold = s.surface_threshold;
+        BrokenRule::unless(threshold > 0.0 && threshold < 1.0, "surface_threshold", threshold, "> 0 and < 1")?;
+        BrokenRule::unless(s.surface_radius > 0.71, "surface_radius", s.surface_radius, "> 0.71")?;
+        // Discs that touch belong to particles two radii apart: neighbours only if the kernel reaches that far.
+        let covers = s.surface != SurfaceTest::Dilts || 2.0 * s.surface_radius <= reach;
+        let most = format!("at most {}, half the kernel's reach in spacings, with surface = \"dilts\"", 0.5 * reach);
+        BrokenRule::unless(covers, "surface_radius", s.surface_radius, most)?;
+        BrokenRule::unless_solvable(&s.solver)
+    }
+
+    fn distinctions(&self) -> Vec<(&'static str, String)> {
+        let s = self;
+        let operator = match s.laplacian {
+            Laplacian::ShaoLo => "(16), Shao & Lo (2003)",
+            Laplacian::Brookshaw => "(17), Brookshaw (1985)",
+        };
+        let source = match s.density_source {
+            DensitySource::Step => "a density error removed within a step",
+            DensitySource::Front => "a density error removed within the step of the fastest front",
+        };
+        let guard = match s.wall_guard {
+            WallGuard::None => "",
+            WallGuard::SetBack => "; what would cross their face is set back",
+        };
+        let surface = match s.surface {
+            SurfaceTest::Density => format!("density below {} of rest", s.surface_threshold),
+            SurfaceTest::Dilts => format!("uncovered arcs of discs of {} spacings (Dilts 2000)", s.surface_radius),
+        };
+        let beyond = match s.surface_ghosts {
+            SurfaceGhosts::Mirrored => "neighbours mirrored with opposite pressure",
+            SurfaceGhosts::None => "nothing beyond",
+        };
+        let method = match s.solver.method {
+            SolverMethod::Gauss => "Gauss elimination",
+            SolverMethod::Gmres => "GMRES",
+            SolverMethod::Cg => "conjugate gradients",
+            SolverMethod::Bicgstab => "BiCGStab",
+        };
+        let preconditioner = match (s.solver.method, s.solver.preconditioner) {
+            (SolverMethod::Gauss, _) | (_, PreconditionerKind::None) => "",
+            (_, PreconditionerKind::Jacobi) => " with Jacobi preconditioner",
+            (_, PreconditionerKind::Ilu0) => " with ILU(0) preconditioner",
+            (_, PreconditionerKind::Ic0) => " with IC(0) preconditioner",
+        };
+        let added = if s.alpha == 0.0 { String::new() } else { format!(" and artificial (13), alpha = {}", s.alpha) };
+        vec![
+            ("compressibility", "incompressible".to_owned()),
+            ("pressure from", format!("equation (31) with operator {operator}; {source}")),
+            ("density from", "sum over neighbours (11)".to_owned()),
+            ("viscosity", format!("of the fluid (18){added}")),
+            ("time step limited by", "speed (32)".to_owned()),
+            ("time stepping", "prediction (29), pressure, correction (30)".to_owned()),
+            ("walls", format!("three rows of fixed particles, one of them in the pressure equation{guard}")),
+            ("free surface", format!("{surface}; {beyond}")),
+            ("linear system", format!("{method}{preconditioner}, residual {:e}", s.solver.tolerance)),
+            ("work of a step", "sums over neighbours and one linear system".to_owned()),
+        ]
+    }
+
+    fn departures(&self, viscosity: f64, kernel: KernelName) -> Vec<String> {
+        let s = self;
+        let printed = IsphPaperSettings::preset(Preset::Paper);
+        let mut found = Vec::new();
+        if s.density_source != printed.density_source {
+            found.push("a density error in (31) is removed within the step of the fastest front, not within one time step".to_owned());
+        }
+        if s.wall_guard != printed.wall_guard {
+            found.push("particles that would cross the face of a wall are set back on it; the paper has no such guard".to_owned());
+        }
+        if s.alpha != printed.alpha {
+            found.push(format!("artificial viscosity (13) with alpha = {} added to the prediction; the paper has none", s.alpha));
+        }
+        changed("eta of (16) and (18) =", s.eta, printed.eta, &mut found);
+        match s.surface {
+            SurfaceTest::Density => {
+                changed("share of the rest density that marks the surface", s.surface_threshold, printed.surface_threshold, &mut found);
+            }
+            SurfaceTest::Dilts => found.push("the surface is found by uncovered arcs (Dilts 2000) in place of the density".to_owned()),
+        }
+        if s.surface_ghosts != printed.surface_ghosts {
+            found.push("no mirrored neighbours beyond the free surface".to_owned());
+        }
+        paper_departures(viscosity, kernel, &mut found);
+        found
+    }
+
+    fn time_step_rule(&self, courant: f64) -> String {
+        format!("(32): {courant} h over the greatest speed, at least sqrt(g H)")
+    }
+
+    /// 16 bytes for a matrix entry, the dense matrix of Gauss, the vectors of GMRES.
+    fn memory(&self, count: f64, neighbours: f64) -> f64 {
+        let matrix = 16.0 * count * neighbours;
+        match self.solver.method {
+            SolverMethod::Gauss => matrix + 8.0 * count * count,
+            SolverMethod::Gmres => matrix + 8.0 * count * (self.solver.restart as f64 + 1.0),
+            SolverMethod::Cg | SolverMethod::Bicgstab => matrix,
+        }
+    }
+
+    fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
+        Ok(Box::new(IsphPaper::new(kernel, medium, self.clone())?))
+    }
+}
+
 /// The incompressible method of the paper: equations (11), (16)-(18), (20), (29)-(32).
 ///
 /// Walls are three lines of fixed particles (Morris, Fox & Zhu 1997): all count in the density (11) and in the viscosity (18);
@@ -140,6 +262,19 @@ pub struct IsphPaper<K, const D: usize> {
     normals: Vec<Vector<D>>,
     x_before: Vec<Vector<D>>,
     v_before: Vec<Vector<D>>,
+    /// What the wall guard made of each particle.
+    guarded: Vec<Guarded<D>>,
+}
+
+/// A particle behind the wall guard.
+#[derive(Clone, Copy, Debug, Default)]
+struct Guarded<const D: usize> {
+    x: Vector<D>,
+    v: Vector<D>,
+    /// Velocity it lost into walls, m/s.
+    lost: Vector<D>,
+    /// Name of the wall particle that set it back last; `u32::MAX` for none.
+    by: u32,
 }
 
 impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
@@ -161,6 +296,7 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
             normals: Vec::new(),
             x_before: Vec::new(),
             v_before: Vec::new(),
+            guarded: Vec::new(),
         })
     }
 
@@ -180,40 +316,57 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
 
     /// `g + ν ∇²v`, m/s², by (18); walls drag at rest.
     fn predicted_acceleration(&self, p: &mut Particles<D>) {
-        let (near, kernel, medium) = (&self.near, self.kernel, self.medium);
         let (eta, alpha) = (self.settings.eta, self.settings.alpha);
+        if alpha > 0.0 {
+            self.sum_viscosity(p, |approach| viscosity::artificial(approach, alpha, 0.0, eta));
+        } else {
+            self.sum_viscosity(p, |_| 0.0);
+        }
+    }
+
+    /// [`predicted_acceleration`](Self::predicted_acceleration) with `artificial(approach)` as the artificial viscosity of fluid, and
+    /// the drag on the walls.
+    fn sum_viscosity(&self, p: &mut Particles<D>, artificial: impl Fn(viscosity::Approach<D>) -> f64 + Sync) {
+        let (near, kernel, medium, eta) = (&self.near, self.kernel, self.medium, self.settings.eta);
         let sound = 10.0 * (2.0 * medium.g() * medium.depth).sqrt();
+        let still = medium.viscosity == 0.0 && self.settings.alpha == 0.0;
+        // Coefficient of v_ab in the acceleration of the first particle by the second one.
+        let laminar = |a: usize, b: usize, slope: f64, r: f64, h: f64| {
+            viscosity::laplacian(p.mass[b], medium.viscosity, p.density[a], p.density[b], slope, r, eta * eta * h * h)
+        };
         let owned = p.owned();
         let mut acceleration = std::mem::take(&mut p.acceleration);
-        sweep(&mut acceleration[..owned], |a| {
-            if !p.is_fluid(a) {
-                return Vector::ZERO;
-            }
-            let mut total = medium.gravity;
-            if medium.viscosity == 0.0 && alpha == 0.0 {
-                return total;
-            }
-            near.for_each(a, |pair| {
-                let b = pair.b;
-                let slope = kernel.dw_over_r(pair.r, pair.h);
-                let eta_squared = eta * eta * pair.h * pair.h;
-                let v_ab = p.v[a] - p.v[b];
-                total += viscosity::laplacian(p.mass[b], medium.viscosity, p.density[a], p.density[b], slope, pair.r, eta_squared) * v_ab;
-                if alpha > 0.0 && p.is_fluid(b) {
-                    let approach = viscosity::Approach {
-                        v_ab,
-                        x_ab: pair.x_ab,
-                        r: pair.r,
-                        h: pair.h,
-                        sound,
-                        density: 0.5 * (p.density[a] + p.density[b]),
-                    };
-                    total -= p.mass[b] * viscosity::artificial(approach, alpha, 0.0, eta) * (slope * pair.x_ab);
+        let mut force = std::mem::take(&mut p.force);
+        sweep2(&mut acceleration[..owned], &mut force[..owned], |a| {
+            let (mut total, mut on_wall) = (medium.gravity, Vector::ZERO);
+            match p.kind[a] {
+                Kind::Fluid if still => {}
+                Kind::Fluid => near.for_each(a, |pair| {
+                    let b = pair.b;
+                    let slope = kernel.dw_over_r(pair.r, pair.h);
+                    let v_ab = p.v[a] - p.v[b];
+                    total += laminar(a, b, slope, pair.r, pair.h) * v_ab;
+                    if p.is_fluid(b) {
+                        let density = 0.5 * (p.density[a] + p.density[b]);
+                        let approach = viscosity::Approach { v_ab, x_ab: pair.x_ab, r: pair.r, h: pair.h, sound, density };
+                        total -= p.mass[b] * artificial(approach) * (slope * pair.x_ab);
+                    }
+                }),
+                Kind::Wall => {
+                    total = Vector::ZERO;
+                    near.for_each(a, |pair| {
+                        if p.is_fluid(pair.b) {
+                            let slope = kernel.dw_over_r(pair.r, pair.h);
+                            on_wall -= p.mass[pair.b] * laminar(pair.b, a, slope, pair.r, pair.h) * (p.v[pair.b] - p.v[a]);
+                        }
+                    });
                 }
-            });
-            total
+                Kind::Lost => total = Vector::ZERO,
+            }
+            (total, on_wall)
         });
         p.acceleration = acceleration;
+        p.force = force;
     }
 
     /// (11) for all particles, and who belongs to the free surface.
@@ -233,39 +386,26 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
             }
             SurfaceTest::Dilts => {
                 let radius = self.settings.surface_radius * self.medium.spacing;
-                sweep(&mut surface[..owned], |a| u8::from(is_exposed(near, radius, a, &mut Arcs::default())));
+                sweep_with(&mut surface[..owned], Arcs::default, |arcs, a| u8::from(is_exposed(near, radius, a, arcs)));
             }
         }
         domain.refresh_column(&mut surface);
         p.surface = surface;
     }
 
-    /// Coefficient of `(p_a − p_b)` in `−ρ0-weighted ∇·(∇p/ρ)`: (16) or (17), times both masses, so that the matrix is symmetric.
-    #[inline(always)]
-    fn coupling(&self, p: &Particles<D>, a: usize, pair: &Pair<D>) -> f64 {
-        let slope = self.kernel.dw_over_r(pair.r, pair.h);
-        let (rho_a, rho_b) = (p.density[a], p.density[pair.b]);
-        let operator = match self.settings.laplacian {
-            Laplacian::ShaoLo => {
-                let eta = self.settings.eta * pair.h;
-                laplacian_shao_lo(rho_a, rho_b, slope, pair.r, eta * eta)
-            }
-            Laplacian::Brookshaw => laplacian_brookshaw(rho_a, rho_b, slope),
-        };
-        p.mass[a] * p.mass[pair.b] * operator
-    }
-
-    /// The pressure equation (31) at the predicted positions. Rows of surface particles, of walls behind the first line and of
-    /// lost particles are identities with pressure zero; their columns are left out, as the pressure there is zero.
-    fn assemble(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
-        let owned = p.owned();
-        let mut matrix = std::mem::take(&mut self.matrix);
-        matrix.assemble(owned, |a, row| {
+    /// The matrix of (31) at the predicted positions, with (16) or (17) as `operator(ρ_a, ρ_b, W'/r, r, h)` times both masses, so
+    /// that it is symmetric. Rows of surface particles, of walls behind the first line and of lost particles are identities with
+    /// pressure zero; their columns are left out, as the pressure there is zero.
+    fn assemble_matrix(&mut self, p: &Particles<D>, domain: &Domain<D>, operator: impl Fn(f64, f64, f64, f64, f64) -> f64 + Sync) {
+        let (near, kernel, owned) = (&self.near, self.kernel, p.owned());
+        self.matrix.assemble(owned, |a, row| {
             let mut diagonal = 0.0;
             if carries_pressure(p, a) {
-                self.near.for_each(a, |pair| {
+                near.for_each(a, |pair| {
                     if in_gradient(p, pair.b) {
-                        let k = self.coupling(p, a, &pair);
+                        let slope = kernel.dw_over_r(pair.r, pair.h);
+                        let masses = p.mass[a] * p.mass[pair.b];
+                        let k = masses * operator(p.density[a], p.density[pair.b], slope, pair.r, pair.h);
                         diagonal += k;
                         if carries_pressure(p, pair.b) {
                             row.push(domain.parent(pair.b, owned), -k);
@@ -275,7 +415,19 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
             }
             row.push(a, if diagonal > 0.0 { diagonal } else { 1.0 });
         });
-        self.matrix = matrix;
+    }
+
+    /// The pressure equation (31): the matrix, and the density error as its source.
+    fn assemble(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
+        let owned = p.owned();
+        let eta = self.settings.eta;
+        match self.settings.laplacian {
+            Laplacian::ShaoLo => self.assemble_matrix(p, domain, |rho_a, rho_b, slope, r, h| {
+                let eta = eta * h;
+                laplacian_shao_lo(rho_a, rho_b, slope, r, eta * eta)
+            }),
+            Laplacian::Brookshaw => self.assemble_matrix(p, domain, |rho_a, rho_b, slope, _, _| laplacian_brookshaw(rho_a, rho_b, slope)),
+        }
 
         let rest = self.medium.rest_density;
         let removal_time = match self.settings.density_source {
@@ -309,48 +461,94 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
         self.medium.courant * p.h_min() / (2.0 * (self.medium.g() * self.medium.depth).sqrt())
     }
 
-    /// Sets fluid that crossed the face of a wall back on it, and takes its velocity into the wall.
-    fn guard_walls(&self, p: &mut Particles<D>) {
-        let face = 0.5 * self.medium.spacing;
-        let guarded = |a: usize| -> (Vector<D>, Vector<D>) {
-            let (mut x, mut v) = (p.x[a], p.v[a]);
-            if p.is_fluid(a) {
-                self.near.for_each(a, |pair| {
-                    let normal = self.normals[pair.b];
-                    let from_wall = x - p.x[pair.b];
-                    let depth = face - from_wall.dot(normal);
-                    let aside = (from_wall - from_wall.dot(normal) * normal).norm();
-                    if normal != Vector::ZERO && depth > 0.0 && depth <= 3.0 * face && aside <= self.medium.spacing {
-                        x += depth * normal;
-                        v -= v.dot(normal).min(0.0) * normal;
+    /// The reaction to [`pressure_acceleration`](Self::pressure_acceleration) on the first line of walls.
+    fn add_pressure_on_walls(&self, p: &mut Particles<D>) {
+        let (near, kernel) = (&self.near, self.kernel);
+        let mirrored = self.settings.surface_ghosts == SurfaceGhosts::Mirrored;
+        let mut force = std::mem::take(&mut p.force);
+        update(&mut force[..p.owned()], |b, total| {
+            if p.kind[b] == Kind::Wall && p.layer[b] == 1 {
+                near.for_each(b, |pair| {
+                    let a = pair.b;
+                    if p.is_fluid(a) {
+                        let factor = if mirrored && p.surface[a] == 1 {
+                            2.0 * p.pressure[b] / (p.density[b] * p.density[b])
+                        } else {
+                            symmetric(p.pressure[a], p.density[a], p.pressure[b], p.density[b])
+                        };
+                        *total -= p.mass[a] * p.mass[b] * factor * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
                     }
                 });
             }
-            (x, v)
-        };
+        });
+        p.force = force;
+    }
+
+    /// Sets fluid that crossed the face of a wall back on it, and takes its velocity into the wall: a push on the wall that took it.
+    fn guard_walls(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
+        let face = 0.5 * self.medium.spacing;
+        let (near, normals, spacing) = (&self.near, &self.normals, self.medium.spacing);
         let owned = p.owned();
-        let (mut x, mut v) = (p.x.clone(), p.v.clone());
-        sweep2(&mut x[..owned], &mut v[..owned], guarded);
-        (p.x, p.v) = (x, v);
+        self.guarded.resize(p.len(), Guarded::default());
+        sweep(&mut self.guarded[..owned], |a| {
+            let mut now = Guarded { x: p.x[a], v: p.v[a], lost: Vector::ZERO, by: u32::MAX };
+            if p.is_fluid(a) {
+                near.for_each(a, |pair| {
+                    let normal = normals[pair.b];
+                    // Walls do not move: their place in the list is their place now.
+                    let from_wall = now.x - near.x(pair.b);
+                    let depth = face - from_wall.dot(normal);
+                    let aside = (from_wall - from_wall.dot(normal) * normal).norm();
+                    if normal != Vector::ZERO && depth > 0.0 && depth <= 3.0 * face && aside <= spacing {
+                        now.x += depth * normal;
+                        let into = now.v.dot(normal).min(0.0) * normal;
+                        now.v -= into;
+                        now.lost += into;
+                        now.by = p.id[pair.b];
+                    }
+                });
+            }
+            now
+        });
+        domain.refresh_column(&mut self.guarded);
+        let guarded = &self.guarded;
+        let mut force = std::mem::take(&mut p.force);
+        update(&mut force[..owned], |b, total| {
+            if normals[b] != Vector::ZERO {
+                near.for_each(b, |pair| {
+                    let Guarded { lost, by, .. } = guarded[pair.b];
+                    if by == p.id[b] {
+                        *total += p.mass[pair.b] / dt * lost;
+                    }
+                });
+            }
+        });
+        p.force = force;
+        for (a, now) in guarded[..owned].iter().enumerate() {
+            (p.x[a], p.v[a]) = (now.x, now.v);
+        }
     }
 
     /// `−∇p/ρ`, m/s², by (20) over fluid and the first line of walls. At the surface every neighbour counts twice: with its image
     /// mirrored through the particle and of opposite pressure, pair and image add up to `2 m_b p_b/ρ_b² ∇W`.
     fn pressure_acceleration(&self, p: &Particles<D>, a: usize) -> Vector<D> {
-        let mut total = Vector::ZERO;
         if !p.is_fluid(a) {
-            return total;
+            return Vector::ZERO;
         }
-        let mirrored = p.surface[a] == 1 && self.settings.surface_ghosts == SurfaceGhosts::Mirrored;
+        if p.surface[a] == 1 && self.settings.surface_ghosts == SurfaceGhosts::Mirrored {
+            self.gradient(p, a, |b| 2.0 * p.pressure[b] / (p.density[b] * p.density[b]))
+        } else {
+            self.gradient(p, a, |b| symmetric(p.pressure[a], p.density[a], p.pressure[b], p.density[b]))
+        }
+    }
+
+    /// `−Σ m_b factor(b) ∇W_ab` over fluid and the first line of walls.
+    #[inline(always)]
+    fn gradient(&self, p: &Particles<D>, a: usize, factor: impl Fn(usize) -> f64) -> Vector<D> {
+        let mut total = Vector::ZERO;
         self.near.for_each(a, |pair| {
-            let b = pair.b;
-            if in_gradient(p, b) {
-                let factor = if mirrored {
-                    2.0 * p.pressure[b] / (p.density[b] * p.density[b])
-                } else {
-                    symmetric(p.pressure[a], p.density[a], p.pressure[b], p.density[b])
-                };
-                total -= p.mass[b] * factor * self.kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+            if in_gradient(p, pair.b) {
+                total -= p.mass[pair.b] * factor(pair.b) * self.kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
             }
         });
         total
@@ -429,8 +627,9 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for IsphPaper<K, D> {
                 p.v[a] += dt * p.acceleration[a];
                 p.x[a] = self.x_before[a] + 0.5 * dt * (self.v_before[a] + p.v[a]);
             }
+            self.add_pressure_on_walls(p);
             if self.settings.wall_guard == WallGuard::SetBack {
-                self.guard_walls(p);
+                self.guard_walls(p, domain, dt);
             }
             for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
                 p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;

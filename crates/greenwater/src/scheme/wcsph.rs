@@ -3,18 +3,20 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::settings::{BrokenRule, Settings, Still, changed, paper_departures};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
-use crate::kernel::Kernel;
+use crate::kernel::{Kernel, KernelName};
 use crate::math::Vector;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::continuity;
-use crate::physics::pressure::{GAMMA, speed_of_sound, symmetric, tait};
+use crate::physics::pressure::{Elasticity, GAMMA, speed_of_sound, symmetric, tait};
 use crate::physics::viscosity::{Approach, Tensor, artificial, contract, stress};
+use crate::poisson::SolveError;
 use crate::sweep::{largest, sweep, sweep2};
 use crate::time::{Phases, StepLimit};
-use crate::walls::{WallForces, wall_normals};
+use crate::walls::{LennardJones, NormalForce, WallForces, wall_normals};
 
 /// How the coefficient `B` of the equation of state (25) is read, the paper's (26).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -121,6 +123,124 @@ impl WcsphSettings {
     }
 }
 
+impl Settings for WcsphSettings {
+    const KERNEL: (KernelName, f64) = (KernelName::CubicSpline, 1.2);
+    const STEP_COST: f64 = 4e-8;
+
+    fn preset(preset: Preset) -> Self {
+        Self::preset(preset)
+    }
+
+    fn preset_name(&self) -> Preset {
+        self.preset
+    }
+
+    fn check(&self, _reach: f64) -> Result<(), BrokenRule> {
+        let s = self;
+        BrokenRule::unless_positive("stiffness", s.stiffness)?;
+        let share = s.stiffness_floor;
+        BrokenRule::unless(share > 0.0 && share <= 1.0, "stiffness_floor", share, "> 0 and <= 1")?;
+        BrokenRule::unless_not_negative("alpha", s.alpha)?;
+        BrokenRule::unless_not_negative("beta", s.beta)?;
+        BrokenRule::unless_positive("eta", s.eta)?;
+        let [high, low] = s.wall_exponents;
+        let rule = "two whole numbers >= 1, the larger first";
+        BrokenRule::unless(high > low && low >= 1, "wall_exponents", format!("[{high}, {low}]"), rule)?;
+        for (key, value) in [("depth", s.depth), ("wall_strength", s.wall_strength), ("wall_range", s.wall_range)] {
+            value.map_or(Ok(()), |value| BrokenRule::unless_positive(key, value))?;
+        }
+        Ok(())
+    }
+
+    fn distinctions(&self) -> Vec<(&'static str, String)> {
+        let s = self;
+        let stiffness = s.stiffness;
+        let pressure = match s.equation_of_state {
+            EquationOfState::Constant => format!("equation of state (25) with B = {stiffness} \u{3c1}0 g H/7 everywhere"),
+            EquationOfState::InitialHeight => format!("equation of state (25) with B = {stiffness} \u{3c1}0 g (H - y)/7, y at the start"),
+            EquationOfState::CurrentHeight => format!("equation of state (25) with B = {stiffness} \u{3c1}0 g (H - y)/7, y now"),
+        };
+        let start = match s.initial_density {
+            Some(InitialDensity::Given) => "as given",
+            Some(InitialDensity::Hydrostatic) | None => "under the weight of the fluid above",
+        };
+        let [high, low] = s.wall_exponents;
+        let walls = match s.wall_force {
+            WallForce::LennardJones => format!("Lennard-Jones force (33)-(34), repulsion only, exponents {high} and {low}"),
+            WallForce::LennardJonesAttractive => format!("Lennard-Jones force (33)-(34) with its attraction, exponents {high} and {low}"),
+            WallForce::Monaghan2005 => "normal force of Monaghan (2005)".to_owned(),
+        };
+        vec![
+            ("compressibility", format!("weakly compressible, sound speed sqrt({stiffness} g H)")),
+            ("pressure from", pressure),
+            ("density from", format!("continuity equation (22); at the start {start}")),
+            ("viscosity", format!("artificial (13), alpha = {}, beta = {}, and the stress (23)-(24)", s.alpha, s.beta)),
+            ("time step limited by", "sound speed plus speed (32)".to_owned()),
+            ("time stepping", "explicit, predictor-corrector (27)-(28)".to_owned()),
+            ("walls", walls),
+            ("free surface", "nothing special: pressure vanishes where the density is that at rest".to_owned()),
+            ("linear system", "none".to_owned()),
+            ("work of a step", "two sums over neighbours".to_owned()),
+        ]
+    }
+
+    fn departures(&self, viscosity: f64, kernel: KernelName) -> Vec<String> {
+        let s = self;
+        let printed = WcsphSettings::preset(Preset::Paper);
+        let mut found = Vec::new();
+        match s.equation_of_state {
+            EquationOfState::InitialHeight => {}
+            EquationOfState::Constant => found.push("B of (26) with the full depth H for every particle in place of H - y".to_owned()),
+            EquationOfState::CurrentHeight => found.push("B of (26) follows the height of a particle as it moves".to_owned()),
+        }
+        changed("factor of (26):", s.stiffness, printed.stiffness, &mut found);
+        changed("artificial viscosity alpha =", s.alpha, printed.alpha, &mut found);
+        changed("artificial viscosity beta =", s.beta, printed.beta, &mut found);
+        changed("eta of (14) =", s.eta, printed.eta, &mut found);
+        match s.wall_force {
+            WallForce::LennardJones => {}
+            WallForce::LennardJonesAttractive => found.push("wall force (34) with its attraction beyond r0".to_owned()),
+            WallForce::Monaghan2005 => found.push("normal wall force of Monaghan (2005) in place of (33)-(34)".to_owned()),
+        }
+        if s.wall_exponents != printed.wall_exponents {
+            let ([high, low], [printed_high, printed_low]) = (s.wall_exponents, printed.wall_exponents);
+            found.push(format!("exponents of (33) {high} and {low} in place of the printed {printed_high} and {printed_low}"));
+        }
+        paper_departures(viscosity, kernel, &mut found);
+        found
+    }
+
+    fn time_step_rule(&self, courant: f64) -> String {
+        format!("(32): {courant} h over the greatest of sound speed plus speed")
+    }
+
+    fn resolve(&mut self, still: &Still) {
+        let given = if still.from_file { InitialDensity::Given } else { InitialDensity::Hydrostatic };
+        self.initial_density.get_or_insert(given);
+        let depth = *self.depth.get_or_insert(still.depth);
+        self.floor.get_or_insert(still.floor);
+        self.wall_strength.get_or_insert(5.0 * still.g * depth);
+        self.wall_range.get_or_insert(still.spacing);
+    }
+
+    fn sound_speed(&self, g: f64, depth: f64, _fastest: f64) -> f64 {
+        (self.stiffness * g * self.depth.unwrap_or(depth)).sqrt()
+    }
+
+    fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
+        if self.equation_of_state == EquationOfState::Constant {
+            let depth = self.depth.unwrap_or(medium.depth);
+            Elasticity::Tait(self.stiffness * medium.rest_density * medium.g() * depth / f64::from(GAMMA))
+        } else {
+            Elasticity::Unknown
+        }
+    }
+
+    fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
+        Ok(Box::new(Wcsph::new(kernel, medium, self.clone())))
+    }
+}
+
 /// The explicit method of the paper: equations (13)-(15), (20)-(28) and (32), walls by (33)-(34).
 ///
 /// Sources: Afanasiev, Makarchuk & Popov, NNFM 101 (2008) 206; Monaghan, J. Comput. Phys. 110 (1994) 399 (equation of state,
@@ -151,12 +271,14 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         let depth = settings.depth.unwrap_or(medium.depth);
         let strength = settings.wall_strength.unwrap_or(5.0 * medium.g() * depth);
         let range = settings.wall_range.unwrap_or(medium.spacing);
-        let lennard_jones = |cutoff| WallForces::LennardJones { strength, range, exponents: settings.wall_exponents, cutoff };
+        let exponents = settings.wall_exponents;
+        let lennard_jones = |cutoff| WallForces::LennardJones(LennardJones { strength, range, exponents, cutoff });
         let walls = match settings.wall_force {
             WallForce::LennardJones => lennard_jones(range),
             WallForce::LennardJonesAttractive => lennard_jones(f64::INFINITY),
             WallForce::Monaghan2005 => {
-                WallForces::Normal { sound: (settings.stiffness * medium.g() * depth).sqrt(), spacing: medium.spacing, normals: Vec::new() }
+                let sound = (settings.stiffness * medium.g() * depth).sqrt();
+                WallForces::Normal(NormalForce { sound, spacing: medium.spacing, normals: Vec::new() })
             }
         };
         let floor = settings.floor.unwrap_or(medium.floor);
@@ -201,7 +323,10 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         })?;
         phases.measure("pressure", || self.equation_of_state(p, domain));
         phases.measure("stress", || self.viscous_stress(p, domain));
-        phases.measure("forces", || self.forces(p));
+        phases.measure("forces", || match &self.walls {
+            WallForces::LennardJones(wall) => self.forces(p, |_, _, _, x_ab, r, _| wall.on(x_ab, r)),
+            WallForces::Normal(wall) => self.forces(p, |p, fluid, b, x_ab, _, h| wall.on(p, fluid, b, x_ab, h)),
+        });
         Ok(())
     }
 
@@ -250,9 +375,10 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         domain.refresh_column(&mut self.stress);
     }
 
-    /// (21) and (22): acceleration and rate of density of the fluid. Walls act by their force alone.
-    fn forces(&mut self, p: &mut Particles<D>) {
-        let (near, kernel, settings, walls) = (&self.near, self.kernel, &self.settings, &self.walls);
+    /// (21) and (22): acceleration and rate of density of the fluid, and the force on the walls. Walls act by their force alone:
+    /// `wall(p, fluid, wall, x_ab, r, h)`, m/s², on the fluid particle.
+    fn forces(&self, p: &mut Particles<D>, wall: impl Fn(&Particles<D>, usize, usize, Vector<D>, f64, f64) -> Vector<D> + Sync) {
+        let (near, kernel, settings) = (&self.near, self.kernel, &self.settings);
         let (sound, stress, gravity) = (&self.sound, &self.stress, self.medium.gravity);
         let owned = p.owned();
         let mut acceleration = std::mem::take(&mut p.acceleration);
@@ -265,7 +391,7 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
             near.for_each(a, |pair| {
                 let b = pair.b;
                 if !p.is_fluid(b) {
-                    force += walls.on(p, a, pair);
+                    force += wall(p, a, b, pair.x_ab, pair.r, pair.h);
                     return;
                 }
                 let grad_w = kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
@@ -292,6 +418,20 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         });
         p.acceleration = acceleration;
         p.density_rate = density_rate;
+
+        let mut on_walls = std::mem::take(&mut p.force);
+        sweep(&mut on_walls[..owned], |b| {
+            let mut total = Vector::ZERO;
+            if p.kind[b] == Kind::Wall {
+                near.for_each(b, |pair| {
+                    if p.is_fluid(pair.b) {
+                        total -= p.mass[pair.b] * wall(p, pair.b, b, -pair.x_ab, pair.r, pair.h);
+                    }
+                });
+            }
+            total
+        });
+        p.force = on_walls;
     }
 }
 
@@ -303,7 +443,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
                 p.density[a] = self.hydrostatic_density(p.x[a], self.stiffness[a]);
             }
         }
-        if let WallForces::Normal { normals, .. } = &mut self.walls {
+        if let WallForces::Normal(NormalForce { normals, .. }) = &mut self.walls {
             domain.refresh(p, K::RADIUS * p.h_max());
             self.near.build(p, K::RADIUS, self.settings.search)?;
             *normals = wall_normals(self.kernel, &self.near, p);

@@ -1,0 +1,161 @@
+//! The list of methods: the one place that names them all.
+
+use schemars::{Schema, SchemaGenerator};
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::settings::{BrokenRule, Distinction, Settings, Still};
+use super::{IsphPaperSettings, Medium, Preset, Scheme, WcsphSettings};
+use crate::kernel::{Kernel, KernelName};
+use crate::physics::pressure::Elasticity;
+use crate::poisson::SolveError;
+
+/// Makes [`MethodName`] and [`MethodSettings`] from a line a method: variant, settings, name, title, text.
+macro_rules! methods {
+    ($($variant:ident($settings:ty), $name:literal, $title:literal, $text:literal;)*) => {
+        /// The methods a case may name.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        pub enum MethodName {
+            $(#[doc = $text] #[serde(rename = $name)] $variant,)*
+        }
+
+        impl MethodName {
+            /// Every method, in the order they are listed to users.
+            pub const ALL: &[Self] = &[$(Self::$variant),*];
+
+            /// The name as written in a case.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name),* }
+            }
+
+            /// A title for reports.
+            pub fn title(self) -> &'static str {
+                match self { $(Self::$variant => $title),* }
+            }
+
+            /// What it is and where it comes from, in one line.
+            pub fn text(self) -> &'static str {
+                match self { $(Self::$variant => $text),* }
+            }
+
+            /// Kernel and smoothing length over spacing where a case names none.
+            pub fn kernel(self) -> (KernelName, f64) {
+                match self { $(Self::$variant => <$settings as Settings>::KERNEL),* }
+            }
+
+            /// The JSON schema of the method's parameters.
+            pub(crate) fn schema(self, generator: SchemaGenerator) -> Schema {
+                match self { $(Self::$variant => generator.into_root_schema_for::<$settings>()),* }
+            }
+        }
+
+        /// A method with all its parameters.
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        #[serde(tag = "name")]
+        pub enum MethodSettings {
+            $(#[doc = concat!("Parameters of `", $name, "`.")] #[serde(rename = $name)] $variant($settings),)*
+        }
+
+        impl MethodSettings {
+            /// The defaults of `method` under `preset`.
+            pub fn preset(method: MethodName, preset: Preset) -> Self {
+                match method { $(MethodName::$variant => Self::$variant(<$settings as Settings>::preset(preset))),* }
+            }
+
+            /// Reads the parameters of `method`, all of them, from any format.
+            pub(crate) fn read<'de, R: Deserializer<'de>>(method: MethodName, reader: R) -> Result<Self, R::Error> {
+                match method { $(MethodName::$variant => <$settings>::deserialize(reader).map(Self::$variant)),* }
+            }
+
+            /// Which method this is.
+            pub fn method(&self) -> MethodName {
+                match self { $(Self::$variant(_) => MethodName::$variant),* }
+            }
+
+            fn step_cost_per_pair(&self) -> f64 {
+                match self { $(Self::$variant(_) => <$settings as Settings>::STEP_COST),* }
+            }
+        }
+
+        /// Evaluates `$body` with `$s` bound to the settings of whichever method it is.
+        macro_rules! with_settings {
+            ($method:expr, $s:ident => $body:expr) => {
+                match $method { $(MethodSettings::$variant($s) => $body),* }
+            };
+        }
+    };
+}
+
+methods! {
+    Wcsph(WcsphSettings), "wcsph", "SPH (weakly compressible, the paper's)",
+        "explicit, weakly compressible, Lennard-Jones walls; Afanasiev, Makarchuk & Popov (2008), after Monaghan (1994)";
+    IsphPaper(IsphPaperSettings), "isph-paper", "ISPH (incompressible, the paper's)",
+        "a pressure equation each step, Morris walls; Afanasiev, Makarchuk & Popov (2008), after Shao & Lo (2003)";
+}
+
+impl MethodSettings {
+    /// The preset the defaults came from.
+    pub fn preset_name(&self) -> Preset {
+        with_settings!(self, s => s.preset_name())
+    }
+
+    /// Whether every parameter is in its range; `reach` is the radius of the kernel's support in particle spacings.
+    ///
+    /// # Errors
+    /// The first one that is not.
+    pub(crate) fn check(&self, reach: f64) -> Result<(), BrokenRule> {
+        with_settings!(self, s => s.check(reach))
+    }
+
+    /// Fills parameters whose default follows from the state at the start.
+    pub(crate) fn resolve(&mut self, still: &Still) {
+        with_settings!(self, s => s.resolve(still));
+    }
+
+    /// What tells this method from others, in rows of the same names and order for every method.
+    pub fn distinctions(&self) -> Vec<Distinction> {
+        with_settings!(self, s => s.distinctions()).into_iter().map(|(aspect, value)| Distinction { aspect, value }).collect()
+    }
+
+    /// Each difference from the method as its source prints it, as a phrase; empty if there is none. `viscosity` is that of the
+    /// fluid, Pa s.
+    pub fn departures(&self, viscosity: f64, kernel: KernelName) -> Vec<String> {
+        with_settings!(self, s => s.departures(viscosity, kernel))
+    }
+
+    /// How the time step is chosen: `courant` is the case's, `fixed` a step in s that replaces the limit.
+    pub fn time_step_rule(&self, courant: f64, fixed: Option<f64>) -> String {
+        match fixed {
+            Some(step) => format!("fixed, {step} s"),
+            None => with_settings!(self, s => s.time_step_rule(courant)),
+        }
+    }
+
+    /// Speed of sound, m/s, of fluid of depth `depth` (m) under gravity `g` (m/s²) whose fastest particle moves at `fastest`
+    /// (m/s); 0 for an incompressible method.
+    pub fn sound_speed(&self, g: f64, depth: f64, fastest: f64) -> f64 {
+        with_settings!(self, s => s.sound_speed(g, depth, fastest))
+    }
+
+    /// The elastic energy that the equation of state stores.
+    pub fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
+        with_settings!(self, s => s.elasticity(medium))
+    }
+
+    /// Memory beyond columns and pair list for `count` particles with `neighbours` each, bytes.
+    pub(crate) fn memory(&self, count: f64, neighbours: f64) -> f64 {
+        with_settings!(self, s => s.memory(count, neighbours))
+    }
+
+    /// Wall-clock time of a step for one particle and one of its neighbours, s, on one core: a guide.
+    pub(crate) fn step_cost(&self) -> f64 {
+        self.step_cost_per_pair()
+    }
+
+    /// The method, ready to start from `particles`.
+    ///
+    /// # Errors
+    /// Settings of the pressure solver that contradict each other.
+    pub fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
+        with_settings!(self, s => s.scheme(kernel, medium))
+    }
+}
