@@ -164,4 +164,12 @@ mod tests {
         }
         assert!(total(0.0) > 0.0);
     }
+
+    /// A thin obstacle has fluid on both sides: the far side must not be drawn through it.
+    #[test]
+    fn normal_force_is_felt_in_front_of_the_wall_only() {
+        let force = |y: f64| normal_force(50.0, 0.1, Vector([0.0, y]), Vector([0.0, 1.0]), 0.12);
+        assert!(force(0.05)[1] > 0.0);
+        assert_eq!(force(-0.05), Vector::ZERO);
+    }
 }

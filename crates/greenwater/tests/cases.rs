@@ -312,6 +312,11 @@ fn bad_values_are_named_with_line_value_and_rule() {
         ("[time]", "[method]\nname = \"sph\"\n[time]", "`method.name` is \"sph\", which is unknown"),
         ("[time]", "[method]\nalfa = 1.0\n[time]", "dam.toml:14: unknown key `method.alfa`, did you mean `alpha`?"),
         ("[time]", "[method]\nalpha = \"much\"\n[time]", "dam.toml:14: `method.alpha` has a value of the wrong type"),
+        (
+            "[time]",
+            "[method]\nname = \"isph-paper\"\nsurface = \"dilts\"\nsurface_radius = 1.3\n[time]",
+            "dam.toml:16: `method.surface_radius` is 1.3, but must be at most 1.2, half the kernel's reach",
+        ),
         ("[time]", "[gravity]\nacceleration = [0.0, 0.0, -9.81]\n[time]", "`gravity.acceleration` is a list of 3, but must be a list of 2"),
         ("[time]", "[domain]\nperiodic = [\"x\"]\n[time]", "`domain.min` is left out, but must be given where an axis is periodic"),
         ("[time]", "[domain]\nperiodic = [\"z\"]\n[time]", "`domain.periodic` is \"z\", but must be of x, y"),

@@ -198,7 +198,7 @@ mod tests {
         let find = |key: &str| reference().iter().find(|row| row.key == key);
         let spacing = find("fluid.spacing").map(|row| (row.kind.as_str(), row.unit.as_str(), row.rule.as_str(), row.default.as_str()));
         assert_eq!(spacing, Some(("number", "m", "> 0", "")));
-        assert_eq!(find("kernel.h_over_spacing").map(|row| row.default.as_str()), Some("1.2"));
+        assert_eq!(find("time.courant").map(|row| row.default.as_str()), Some("0.25"));
         assert_eq!(find("fluid.density").map(|row| row.default.as_str()), Some("1000.0"));
         assert_eq!(find("shape.tank.open").map(|row| row.kind.as_str()), Some("list of names"));
         assert_eq!(find("domain.min").map(|row| row.kind.as_str()), Some("list of numbers"));

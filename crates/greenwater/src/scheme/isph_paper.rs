@@ -638,3 +638,59 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for IsphPaper<K, D> {
         Ok(StepReport { iterations: Some(report.iterations), residual: Some(report.residual) })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::CubicSpline;
+    use crate::particles::Particle;
+
+    /// Three lines of wall under `y = 0` with the face at 0, and one fluid particle at `x`, moving at `v`.
+    fn over_a_floor(x: Vector<2>, v: Vector<2>) -> (Particles<2>, Vector<2>) {
+        let (dx, mut p) = (0.1, Particles::new());
+        let mut push = |kind, layer, x, v| {
+            let id = p.owned() as u32;
+            p.push(id, Particle { kind, layer, x, v, mass: 10.0, density: 1000.0, pressure: 0.0, h: 1.2 * dx });
+        };
+        push(Kind::Fluid, 0, x, v);
+        for line in 1..=3 {
+            for column in -6..=6 {
+                push(Kind::Wall, line, Vector([dx * f64::from(column), -dx * (f64::from(line) - 0.5)]), Vector::ZERO);
+            }
+        }
+        let medium = Medium {
+            rest_density: 1000.0,
+            viscosity: 0.0,
+            gravity: Vector([0.0, -9.81]),
+            spacing: dx,
+            depth: 1.0,
+            floor: 0.0,
+            courant: 0.25,
+        };
+        let mut domain = Domain::new(Vector([-5.0, -5.0]), Vector([5.0, 5.0]), [false; 2]);
+        let mut method = IsphPaper::new(CubicSpline, medium, IsphPaperSettings::preset(Preset::Water)).unwrap();
+        method.start(&mut p, &mut domain).unwrap();
+        let before: Vector<2> = p.force[1..].iter().fold(Vector::ZERO, |sum, &f| sum + f);
+        method.guard_walls(&mut p, &domain, 0.01);
+        let after = p.force[1..].iter().fold(Vector::ZERO, |sum, &f| sum + f);
+        (p, after - before)
+    }
+
+    #[test]
+    fn what_crosses_the_face_of_a_wall_is_set_back_and_pushes_the_wall() {
+        let (p, push) = over_a_floor(Vector([0.02, -0.03]), Vector([1.5, -2.0]));
+        // 1e-12: round-off. The face is half a spacing before the first line, at y = 0.
+        assert!((p.x[0] - Vector([0.02, 0.0])).norm() < 1e-12 && (p.v[0] - Vector([1.5, 0.0])).norm() < 1e-12, "{:?} {:?}", p.x[0], p.v[0]);
+        // 10 kg/m lose 2 m/s in 0.01 s.
+        assert!((push - Vector([0.0, -2000.0])).norm() < 1e-9, "{push:?}");
+    }
+
+    #[test]
+    fn what_is_in_front_of_the_face_or_on_the_far_side_of_a_thin_wall_is_left_alone() {
+        for y in [0.01, -0.17] {
+            let (x, v) = (Vector([0.02, y]), Vector([1.5, -2.0]));
+            let (p, push) = over_a_floor(x, v);
+            assert_eq!((p.x[0], p.v[0], push), (x, v, Vector::ZERO), "at y = {y}");
+        }
+    }
+}
