@@ -46,7 +46,6 @@ echo "| variant of \`isph-paper\` on $case | end | reached, s | lost | greatest 
 echo "|---|---|---|---|---|---|"
 variant "\`paper\`" method.preset=paper
 variant "\`paper\`, fixed step of 1 ms" method.preset=paper time.step=0.001
-variant "\`water\`, \`density_source = \"step\"\`" method.density_source=step
 variant "\`water\`, \`wall_guard = \"none\"\`" method.wall_guard=none
 variant "\`water\`, \`alpha = 0\`" method.alpha=0.0
 variant "\`water\`"

@@ -36,7 +36,7 @@ pub struct CheckArgs {
 pub fn check(args: &CheckArgs) -> Result<(), CliError> {
     let mut case = args.case.load()?;
     if let Some((method, preset)) = args.method {
-        case = case.for_method(method, preset);
+        case = case.with_method(method, preset)?;
     }
     let setup = case.checked()?;
     let picture = draw(&setup, args)?;

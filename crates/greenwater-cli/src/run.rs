@@ -106,7 +106,7 @@ pub fn run(args: &RunArgs) -> Result<(), CliError> {
     args.how.start_threads()?;
     let mut case = args.case.load()?;
     if let Some((method, preset)) = args.method {
-        case = case.for_method(method, preset);
+        case = case.with_method(method, preset)?;
     }
     let method = case.sections.method.name.name();
     let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("{}-{method}", case.name)));

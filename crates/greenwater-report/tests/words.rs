@@ -106,3 +106,27 @@ fn a_run_that_stopped_early_is_left_out_of_comparisons() {
     assert!(text.contains("isph-exact did not reach the end"), "{text}");
     assert!(text.contains("No clear difference in pressure smoothness"), "{text}");
 }
+
+/// The paper's two complaints: each is answered only where an old and a new method of its family stand side by side.
+#[test]
+fn the_papers_complaints_are_answered_by_the_numbers() {
+    let [old, new] = twins("words-complaints");
+    assert!(!headlines(&[old.clone(), new.clone()]).contains("complaint"));
+    let of = |name: &str, noise: f64, lost: u64, p99: f64| {
+        let mut m = Measured { name: name.into(), pressure_noise: Some(noise), lost_particles: Some(lost), ..new.clone() };
+        (m.density.p01, m.density.p99) = (Some(1.0), Some(p99));
+        m
+    };
+    let four = |noise: f64, lost: u64| {
+        headlines(&[
+            of("wcsph", 0.7, 0, 1.01),
+            of("isph-paper", 0.05, 3, 1.3),
+            of("delta-sph", noise, 0, 1.01),
+            of("isph", 0.001, lost, 1.003),
+        ])
+    };
+    let gone = four(0.01, 0);
+    assert!(gone.contains("no usable loads is gone with delta-sph") && gone.contains("after the impact is gone with isph"), "{gone}");
+    let stands = four(0.2, 2);
+    assert!(stands.contains("no usable loads stands with delta-sph") && stands.contains("after the impact stands with isph"), "{stands}");
+}

@@ -116,6 +116,20 @@ impl Case {
         case
     }
 
+    /// The same case with the method a user asks for on the command line: as [`for_method`](Self::for_method), but what overrides say
+    /// of `[method]` is meant for this method.
+    ///
+    /// # Errors
+    /// An override that cannot be read.
+    pub fn with_method(&self, name: MethodName, preset: Option<Preset>) -> Result<Self, CaseError> {
+        let mut case = self.for_method(name, preset);
+        if self.sections.method.name != name {
+            case.sections.method = self.source.overridden_method(name)?;
+            case.sections.method.preset = preset.unwrap_or(case.sections.method.preset);
+        }
+        Ok(case)
+    }
+
     /// Checks every value and makes the particles: the only place where a case is checked.
     ///
     /// # Errors

@@ -219,24 +219,22 @@ impl<const D: usize> Grid<D> {
         crate::sweep::sweep(&mut cell_of, |b| if p.kind[b] == Kind::Lost { no_cell } else { self.index(self.cell(p.x[b])) });
         self.cell_of = cell_of;
 
+        // Counted two places on: after the sums, place `cell + 1` holds where a cell starts; the fill moves it to where the cell
+        // ends, which is where the next one starts.
         self.starts.clear();
-        self.starts.resize(count + 2, 0);
+        self.starts.resize(count + 3, 0);
         for &cell in &self.cell_of {
-            self.starts[cell as usize + 1] += 1;
+            self.starts[cell as usize + 2] += 1;
         }
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
-        self.entries.clear();
         self.entries.resize(p.len(), Entry::default());
         for (row, &cell) in self.cell_of.iter().enumerate() {
-            let slot = &mut self.starts[cell as usize];
+            let slot = &mut self.starts[cell as usize + 1];
             self.entries[*slot as usize] = Entry { x: p.x[row], h: p.h[row], row: row as u32 };
             *slot += 1;
         }
-        // The fill moved each start to the end of its cell, which is the start of the next one.
-        self.starts.pop();
-        self.starts.insert(0, 0);
     }
 
     fn cell(&self, x: Vector<D>) -> [usize; D] {

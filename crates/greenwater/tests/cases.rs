@@ -236,6 +236,21 @@ fn a_method_brings_its_own_keys() {
     assert!(matches!(settings(case.for_method(MethodName::IsphPaper, None)), MethodSettings::IsphPaper(s) if s.preset == Preset::Water));
 }
 
+/// `--method isph-paper --set method.eta=0.2` is about `isph-paper`, whatever method the file names.
+#[test]
+fn overrides_are_for_the_method_that_was_asked_for() {
+    let text = format!("{GOOD}\n[method]\npreset = \"paper\"\nalpha = 0.5\n");
+    let with = |overrides: &[(&str, &str)]| {
+        let overrides: Vec<(String, String)> = overrides.iter().map(|(key, value)| (key.to_string(), value.to_string())).collect();
+        let case = Case::parse("dam.toml", text.clone(), None, &overrides).unwrap();
+        case.with_method(MethodName::IsphPaper, None).and_then(|case| case.checked()).map(|setup| setup.method().clone())
+    };
+    assert!(matches!(with(&[("method.eta", "0.2")]), Ok(MethodSettings::IsphPaper(s)) if s.eta == 0.2 && s.preset == Preset::Water));
+    assert!(matches!(with(&[("method.preset", "paper")]), Ok(MethodSettings::IsphPaper(s)) if s.preset == Preset::Paper));
+    let message = with(&[("method.equation_of_state", "constant")]).unwrap_err().to_string();
+    assert!(message.contains("unknown key `method.equation_of_state`"), "{message}");
+}
+
 #[test]
 fn bad_values_are_named_with_line_value_and_rule() {
     for (from, to, expected) in [

@@ -5,7 +5,7 @@ mod common;
 use common::{Flow, column, flat, isph, medium, same, vectors, wcsph};
 use greenwater::kernel::CubicSpline;
 use greenwater::poisson::{SolverMethod, SolverSettings};
-use greenwater::scheme::isph_paper::{DensitySource, IsphPaperSettings, Laplacian, SurfaceGhosts, WallGuard};
+use greenwater::scheme::isph_paper::{IsphPaperSettings, Laplacian, SurfaceGhosts, WallGuard};
 use greenwater::scheme::wcsph::{EquationOfState, InitialDensity, WallForce, WcsphSettings};
 use greenwater::scheme::{IsphPaper, Medium, Preset, Wcsph};
 use greenwater::simulation::Simulation;
@@ -185,7 +185,6 @@ fn the_departures_of_the_water_preset_do_what_they_say() {
     let water = incompressible(Preset::Water);
     let paper = incompressible(Preset::Paper);
     let settings = [
-        ("front", IsphPaperSettings { density_source: DensitySource::Front, ..paper.clone() }),
         ("alpha", IsphPaperSettings { alpha: 0.05, ..paper.clone() }),
         ("no ghosts", IsphPaperSettings { surface_ghosts: SurfaceGhosts::None, ..paper }),
         ("no guard", IsphPaperSettings { wall_guard: WallGuard::None, ..water.clone() }),

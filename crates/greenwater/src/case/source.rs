@@ -8,6 +8,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseError, Choices, Place};
 use super::reference::meaning;
+use super::sections::Method;
 use crate::scheme::{MethodName, MethodSettings};
 
 /// The text of a case and where it came from.
@@ -45,6 +46,18 @@ impl Source {
         let reader = serde_path_to_error::Deserializer::new(value, &mut track);
         let read = MethodSettings::read(name, reader);
         self.explained("method", read.map_err(|error| serde_path_to_error::Error::new(track.path(), error)))
+    }
+
+    /// A method with nothing but what the overrides say of `[method]`.
+    pub fn overridden_method(&self, name: MethodName) -> Result<Method, CaseError> {
+        let mut table = toml::Table::new();
+        for (key, text) in &self.overrides {
+            if let Some(key) = key.strip_prefix("method.") {
+                set(&mut table, key, text)?;
+            }
+        }
+        table.insert("name".to_owned(), Value::String(name.name().to_owned()));
+        self.read("method", Value::Table(table))
     }
 
     /// Says where what could not be read stands, for values under `prefix`.

@@ -38,20 +38,6 @@ pub enum SurfaceGhosts {
     None,
 }
 
-/// The time in which the pressure of (31) removes a density error `ρ* − ρ0`.
-///
-/// A particle pushed out of an overlap `δ` leaves with the speed `δ` over this time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum DensitySource {
-    /// One time step, as printed: source `(ρ0 − ρ*)/(ρ0 Δt²)`. By (32) the step shrinks as the fastest particle speeds up, and the
-    /// speed a given overlap turns into grows with it: one particle caught between wall and fluid can run away.
-    Step,
-    /// Never less than `τ = C min(h)/(2 sqrt(g H))`, the step of a front at its greatest speed: source
-    /// `(ρ0 − ρ*)/(ρ0 Δt max(Δt, τ))`.
-    Front,
-}
-
 /// What keeps fluid out of walls besides the pressure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -81,8 +67,6 @@ pub struct IsphPaperSettings {
     pub surface_radius: f64,
     /// What stands beyond the surface in the pressure gradient.
     pub surface_ghosts: SurfaceGhosts,
-    /// What the density error of (31) is divided by.
-    pub density_source: DensitySource,
     /// What keeps fluid out of walls besides the pressure.
     pub wall_guard: WallGuard,
     /// Linear coefficient of an artificial viscosity (13) between fluid particles, added to the prediction, dimensionless, >= 0;
@@ -105,7 +89,6 @@ impl IsphPaperSettings {
             surface_threshold: 0.97,
             surface_radius: 1.1,
             surface_ghosts: SurfaceGhosts::Mirrored,
-            density_source: DensitySource::Step,
             wall_guard: WallGuard::None,
             alpha: 0.0,
             search: Search::Grid,
@@ -113,7 +96,7 @@ impl IsphPaperSettings {
         };
         match preset {
             Preset::Paper => printed,
-            Preset::Water => Self { density_source: DensitySource::Front, wall_guard: WallGuard::SetBack, alpha: 0.05, ..printed },
+            Preset::Water => Self { wall_guard: WallGuard::SetBack, alpha: 0.05, ..printed },
         }
     }
 }
@@ -150,10 +133,6 @@ impl Settings for IsphPaperSettings {
             Laplacian::ShaoLo => "(16), Shao & Lo (2003)",
             Laplacian::Brookshaw => "(17), Brookshaw (1985)",
         };
-        let source = match s.density_source {
-            DensitySource::Step => "a density error removed within a step",
-            DensitySource::Front => "a density error removed within the step of the fastest front",
-        };
         let guard = match s.wall_guard {
             WallGuard::None => "",
             WallGuard::SetBack => "; what would cross their face is set back",
@@ -181,7 +160,7 @@ impl Settings for IsphPaperSettings {
         let added = if s.alpha == 0.0 { String::new() } else { format!(" and artificial (13), alpha = {}", s.alpha) };
         vec![
             ("compressibility", "incompressible".to_owned()),
-            ("pressure from", format!("equation (31) with operator {operator}; {source}")),
+            ("pressure from", format!("equation (31) with operator {operator}; a density error removed within a step")),
             ("density from", "sum over neighbours (11)".to_owned()),
             ("viscosity", format!("of the fluid (18){added}")),
             ("time step limited by", "speed (32)".to_owned()),
@@ -197,9 +176,6 @@ impl Settings for IsphPaperSettings {
         let s = self;
         let printed = IsphPaperSettings::preset(Preset::Paper);
         let mut found = Vec::new();
-        if s.density_source != printed.density_source {
-            found.push("a density error in (31) is removed within the step of the fastest front, not within one time step".to_owned());
-        }
         if s.wall_guard != printed.wall_guard {
             found.push("particles that would cross the face of a wall are set back on it; the paper has no such guard".to_owned());
         }
@@ -430,17 +406,8 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
         }
 
         let rest = self.medium.rest_density;
-        let removal_time = match self.settings.density_source {
-            DensitySource::Step => dt,
-            DensitySource::Front => dt.max(self.front_step(p)),
-        };
         self.source.resize(owned, 0.0);
-        sweep(
-            &mut self.source,
-            |a| {
-                if carries_pressure(p, a) { p.mass[a] * (p.density[a] - rest) / (rest * dt * removal_time) } else { 0.0 }
-            },
-        );
+        sweep(&mut self.source, |a| if carries_pressure(p, a) { p.mass[a] * (p.density[a] - rest) / (rest * dt * dt) } else { 0.0 });
     }
 
     /// (31): pressure from the predicted density; warm start from the pressure of the step before.
@@ -454,11 +421,6 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
         sweep(&mut p.pressure[..owned], |a| solution[parents[a] as usize]);
         domain.refresh_column(&mut p.pressure);
         Ok(report)
-    }
-
-    /// The step (32) of a dam-break front at its greatest speed `2 sqrt(g H)` (Ritter 1892), s.
-    fn front_step(&self, p: &Particles<D>) -> f64 {
-        self.medium.courant * p.h_min() / (2.0 * (self.medium.g() * self.medium.depth).sqrt())
     }
 
     /// The reaction to [`pressure_acceleration`](Self::pressure_acceleration) on the first line of walls.

@@ -163,7 +163,7 @@ mod tests {
         let wcsph = of(MethodName::Wcsph);
         assert!(wcsph.contains(&"artificial viscosity alpha = 0.05 in place of the printed 1".to_owned()), "{wcsph:?}");
         assert_eq!(wcsph.len(), 3, "{wcsph:?}");
-        assert_eq!(of(MethodName::IsphPaper).len(), 3);
+        assert_eq!(of(MethodName::IsphPaper).len(), 2);
     }
 
     #[test]

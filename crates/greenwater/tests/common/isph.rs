@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use greenwater::scheme::Medium;
-use greenwater::scheme::isph_paper::{DensitySource, IsphPaperSettings, Laplacian, SurfaceGhosts, WallGuard};
+use greenwater::scheme::isph_paper::{IsphPaperSettings, Laplacian, SurfaceGhosts, WallGuard};
 
 use super::{Flow, along, dot};
 
@@ -92,7 +92,6 @@ pub fn advance<const D: usize>(
     let unknown: Vec<usize> = (0..n).filter(|&i| carries(flow.bodies[i].layer) && !surface[i]).collect();
     let mut matrix = vec![vec![0.0; unknown.len()]; unknown.len()];
     let mut source = vec![0.0; unknown.len()];
-    let least_h = flow.bodies.iter().map(|b| b.h).fold(f64::INFINITY, f64::min);
     for (row, &i) in unknown.iter().enumerate() {
         for j in (0..n).filter(|&j| j != i && carries(flow.bodies[j].layer)) {
             let coefficient = laplacian(flow, settings, i, j);
@@ -102,12 +101,7 @@ pub fn advance<const D: usize>(
             }
         }
         let rest = medium.rest_density;
-        let g = dot(medium.gravity.0, medium.gravity.0).sqrt();
-        let time = match settings.density_source {
-            DensitySource::Step => dt,
-            DensitySource::Front => dt.max(medium.courant * least_h / (2.0 * (g * medium.depth).sqrt())),
-        };
-        source[row] = (rest - flow.bodies[i].density) / (rest * dt * time);
+        source[row] = (rest - flow.bodies[i].density) / (rest * dt * dt);
     }
     let solution = eliminate(matrix, source);
     for b in &mut flow.bodies {
