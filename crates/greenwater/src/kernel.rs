@@ -8,14 +8,15 @@ use crate::math::{cube, power};
 
 /// A smoothing kernel in `D` dimensions: compact support, unit integral, a delta function for `h → 0`.
 ///
-/// `W(r, h) = σ/hᴰ · f(q)` with `q = r/h`; `f` falls from its largest value at `q = 0` to exactly 0 at `q =` [`RADIUS`](Kernel::RADIUS).
+/// `W(r, h) = σ/hᴰ · f(q)` with `q = r/h`; `f` falls from its largest value at `q = 0` to exactly 0 at `q =` [`radius`](Kernel::radius).
 /// An implementor gives the shape `f`, its slope over `q`, and `σ`; the trait does the rest.
 /// Gradient with respect to `x_a`: `∇_a W_ab = (W'(r)/r) x_ab`, with `x_ab = x_a − x_b`.
 pub trait Kernel<const D: usize>: Copy + Send + Sync + 'static {
-    /// Support radius in units of `h`: `W = 0` for `r >= RADIUS h`.
-    const RADIUS: f64;
+    /// Support radius in units of `h`: `W = 0` for `r >= radius h`.
+    fn radius(self) -> f64;
+
     /// Normalisation `σ` (dimensionless) that makes the integral over space one.
-    const SIGMA: f64;
+    fn sigma(self) -> f64;
 
     /// Shape `f(q)`, dimensionless.
     fn shape(self, q: f64) -> f64;
@@ -27,14 +28,14 @@ pub trait Kernel<const D: usize>: Copy + Send + Sync + 'static {
     #[inline(always)]
     fn w(self, r: f64, h: f64) -> f64 {
         let inverse = 1.0 / h;
-        Self::SIGMA * power_of_dimension::<D>(inverse) * self.shape(r * inverse)
+        self.sigma() * power_of_dimension::<D>(inverse) * self.shape(r * inverse)
     }
 
     /// `W'(r)/r`, in m⁻ᴰ⁻²: never positive, finite at `r = 0`, so that `∇W` needs no special case.
     #[inline(always)]
     fn dw_over_r(self, r: f64, h: f64) -> f64 {
         let inverse = 1.0 / h;
-        Self::SIGMA * power_of_dimension::<D>(inverse) * inverse * inverse * self.slope_over_q(r * inverse)
+        self.sigma() * power_of_dimension::<D>(inverse) * inverse * inverse * self.slope_over_q(r * inverse)
     }
 }
 
@@ -66,8 +67,15 @@ const fn of_dimension<const D: usize>(one: f64, two: f64, three: f64) -> f64 {
 pub struct CubicSpline;
 
 impl<const D: usize> Kernel<D> for CubicSpline {
-    const RADIUS: f64 = 2.0;
-    const SIGMA: f64 = of_dimension::<D>(1.0, 15.0 / (7.0 * PI), 3.0 / (2.0 * PI));
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        2.0
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        const { of_dimension::<D>(1.0, 15.0 / (7.0 * PI), 3.0 / (2.0 * PI)) }
+    }
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -99,9 +107,15 @@ const ERF_3: f64 = 0.999_977_909_503_001_4;
 const SQRT_PI: f64 = 1.772_453_850_905_516;
 
 impl<const D: usize> Kernel<D> for Gaussian {
-    const RADIUS: f64 = 3.0;
-    const SIGMA: f64 =
-        of_dimension::<D>(1.0 / (SQRT_PI * ERF_3), 1.0 / (PI * (1.0 - EXP_MINUS_9)), 1.0 / (PI * (SQRT_PI * ERF_3 - 6.0 * EXP_MINUS_9)));
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        3.0
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        const { of_dimension::<D>(1.0 / (SQRT_PI * ERF_3), 1.0 / (PI * (1.0 - EXP_MINUS_9)), 1.0 / (PI * (SQRT_PI * ERF_3 - 6.0 * EXP_MINUS_9))) }
+    }
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -121,8 +135,15 @@ impl<const D: usize> Kernel<D> for Gaussian {
 pub struct QuarticSpline;
 
 impl<const D: usize> Kernel<D> for QuarticSpline {
-    const RADIUS: f64 = 2.5;
-    const SIGMA: f64 = of_dimension::<D>(1.0 / 24.0, 96.0 / (1199.0 * PI), 1.0 / (20.0 * PI));
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        2.5
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        const { of_dimension::<D>(1.0 / 24.0, 96.0 / (1199.0 * PI), 1.0 / (20.0 * PI)) }
+    }
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -150,8 +171,15 @@ impl<const D: usize> Kernel<D> for QuarticSpline {
 pub struct QuinticSpline;
 
 impl<const D: usize> Kernel<D> for QuinticSpline {
-    const RADIUS: f64 = 3.0;
-    const SIGMA: f64 = of_dimension::<D>(1.0 / 120.0, 7.0 / (478.0 * PI), 1.0 / (120.0 * PI));
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        3.0
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        const { of_dimension::<D>(1.0 / 120.0, 7.0 / (478.0 * PI), 1.0 / (120.0 * PI)) }
+    }
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -179,8 +207,15 @@ impl<const D: usize> Kernel<D> for QuinticSpline {
 pub struct WendlandC2;
 
 impl<const D: usize> Kernel<D> for WendlandC2 {
-    const RADIUS: f64 = 2.0;
-    const SIGMA: f64 = of_dimension::<D>(5.0 / 8.0, 7.0 / (4.0 * PI), 21.0 / (16.0 * PI));
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        2.0
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        const { of_dimension::<D>(5.0 / 8.0, 7.0 / (4.0 * PI), 21.0 / (16.0 * PI)) }
+    }
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -203,8 +238,15 @@ impl<const D: usize> Kernel<D> for WendlandC2 {
 pub struct WendlandC4;
 
 impl<const D: usize> Kernel<D> for WendlandC4 {
-    const RADIUS: f64 = 2.0;
-    const SIGMA: f64 = of_dimension::<D>(3.0 / 4.0, 9.0 / (4.0 * PI), 495.0 / (256.0 * PI));
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        2.0
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        const { of_dimension::<D>(3.0 / 4.0, 9.0 / (4.0 * PI), 495.0 / (256.0 * PI)) }
+    }
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -227,8 +269,15 @@ impl<const D: usize> Kernel<D> for WendlandC4 {
 pub struct WendlandC6;
 
 impl<const D: usize> Kernel<D> for WendlandC6 {
-    const RADIUS: f64 = 2.0;
-    const SIGMA: f64 = of_dimension::<D>(55.0 / 64.0, 39.0 / (14.0 * PI), 1365.0 / (512.0 * PI));
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        2.0
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        const { of_dimension::<D>(55.0 / 64.0, 39.0 / (14.0 * PI), 1365.0 / (512.0 * PI)) }
+    }
 
     #[inline(always)]
     fn shape(self, q: f64) -> f64 {
@@ -269,36 +318,35 @@ pub enum KernelName {
 }
 
 /// Calls `$body` with `$kernel` bound to the kernel that `$name` stands for: the choice is made once, outside every loop.
-#[macro_export]
 macro_rules! with_kernel {
     ($name:expr, $kernel:ident => $body:expr) => {
         match $name {
-            $crate::kernel::KernelName::CubicSpline => {
-                let $kernel = $crate::kernel::CubicSpline;
+            KernelName::CubicSpline => {
+                let $kernel = CubicSpline;
                 $body
             }
-            $crate::kernel::KernelName::Gaussian => {
-                let $kernel = $crate::kernel::Gaussian;
+            KernelName::Gaussian => {
+                let $kernel = Gaussian;
                 $body
             }
-            $crate::kernel::KernelName::QuarticSpline => {
-                let $kernel = $crate::kernel::QuarticSpline;
+            KernelName::QuarticSpline => {
+                let $kernel = QuarticSpline;
                 $body
             }
-            $crate::kernel::KernelName::QuinticSpline => {
-                let $kernel = $crate::kernel::QuinticSpline;
+            KernelName::QuinticSpline => {
+                let $kernel = QuinticSpline;
                 $body
             }
-            $crate::kernel::KernelName::WendlandC2 => {
-                let $kernel = $crate::kernel::WendlandC2;
+            KernelName::WendlandC2 => {
+                let $kernel = WendlandC2;
                 $body
             }
-            $crate::kernel::KernelName::WendlandC4 => {
-                let $kernel = $crate::kernel::WendlandC4;
+            KernelName::WendlandC4 => {
+                let $kernel = WendlandC4;
                 $body
             }
-            $crate::kernel::KernelName::WendlandC6 => {
-                let $kernel = $crate::kernel::WendlandC6;
+            KernelName::WendlandC6 => {
+                let $kernel = WendlandC6;
                 $body
             }
         }
@@ -338,7 +386,7 @@ impl KernelName {
 
     /// Support radius in units of `h`.
     pub fn radius(self) -> f64 {
-        with_kernel!(self, kernel => radius_of(kernel))
+        with_kernel!(self, kernel => Kernel::<2>::radius(kernel))
     }
 
     /// `W(r, h)` in `D` dimensions, m⁻ᴰ. For tables and plots; loops use the kernel itself.
@@ -352,8 +400,28 @@ impl KernelName {
     }
 }
 
-fn radius_of<K: Kernel<2>>(_: K) -> f64 {
-    K::RADIUS
+/// Any kernel, told apart at every call. Pair loops with it are slower than with the kernel itself but have the same bits; they are
+/// what runs for kernels that no method takes by itself, so that not every loop is compiled for every kernel.
+impl<const D: usize> Kernel<D> for KernelName {
+    #[inline(always)]
+    fn radius(self) -> f64 {
+        self.radius()
+    }
+
+    #[inline(always)]
+    fn sigma(self) -> f64 {
+        with_kernel!(self, kernel => Kernel::<D>::sigma(kernel))
+    }
+
+    #[inline(always)]
+    fn shape(self, q: f64) -> f64 {
+        with_kernel!(self, kernel => Kernel::<D>::shape(kernel, q))
+    }
+
+    #[inline(always)]
+    fn slope_over_q(self, q: f64) -> f64 {
+        with_kernel!(self, kernel => Kernel::<D>::slope_over_q(kernel, q))
+    }
 }
 
 #[cfg(test)]

@@ -123,7 +123,7 @@ fn outermost<const D: usize>(p: &Particles<D>, mut rest: Vec<(f64, usize)>, reac
 /// say that the point is dry: less than a tenth of a full neighbourhood.
 pub fn wall_pressure<const D: usize>(p: &Particles<D>, medium: &Medium<D>, point: Vector<D>) -> f64 {
     let h = 1.3 * medium.spacing;
-    let reach = <WendlandC2 as Kernel<D>>::RADIUS * h;
+    let reach = Kernel::<D>::radius(WendlandC2) * h;
     let (mut weight, mut total) = (0.0, 0.0);
     for a in 0..p.owned() {
         let away = p.x[a] - point;

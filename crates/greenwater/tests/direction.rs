@@ -19,7 +19,7 @@ const LEVELS: [&[&str]; 11] = [
 ];
 
 /// Macros stand at the root of the crate; what they need is in these modules.
-const MACROS: [(&str, &str); 1] = [("with_kernel", "kernel")];
+const MACROS: [(&str, &str); 1] = [("with_setup", "case")];
 
 fn level(module: &str) -> Option<usize> {
     LEVELS.iter().position(|modules| modules.contains(&module))
@@ -143,7 +143,7 @@ fn wrong_imports_are_named_by_file_line_and_path() {
         ),
         ("physics/surface.rs", "use super::super::walls::WallForces;\n", "physics/surface.rs:1: `physics` uses `crate::walls`"),
         ("kernel.rs", "use super::particles::Particles;\n", "kernel.rs:1: `kernel` uses `crate::particles`"),
-        ("particles.rs", "use crate::with_kernel;\n", "particles.rs:1: `particles` uses `crate::with_kernel`"),
+        ("particles.rs", "use crate::with_setup;\n", "particles.rs:1: `particles` uses `crate::with_setup`"),
         ("scheme.rs", "use crate::Neighbors;\n", "scheme.rs:1: `scheme` uses `crate::Neighbors`, which is no module"),
         ("gpu.rs", "", "gpu.rs: `gpu` has no level"),
     ] {

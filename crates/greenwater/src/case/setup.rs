@@ -19,7 +19,6 @@ use crate::particles::{Kind, Particle, Particles, field_table};
 use crate::poisson::SolveError;
 use crate::scheme::{Medium, MethodName, MethodSettings, Preset, Still};
 use crate::simulation::Simulation;
-use crate::with_kernel;
 
 /// A checked case in `D` dimensions: what runs. SI units; in 2D everything is per metre of depth.
 #[derive(Clone, Debug, PartialEq)]
@@ -337,7 +336,7 @@ impl Setup<3> {
 
 fn put_together<const D: usize>(setup: &Setup<D>) -> Result<Simulation<D>, SolveError> {
     let medium = setup.medium();
-    let scheme = with_kernel!(setup.kernel, kernel => setup.method.scheme(kernel, medium)?);
+    let scheme = setup.method.scheme(setup.kernel, medium)?;
     Ok(Simulation::new(setup.particles.clone(), setup.domain(), scheme, &medium, setup.time.step))
 }
 

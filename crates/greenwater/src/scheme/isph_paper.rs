@@ -284,8 +284,8 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
     /// Ghosts and pairs at the present positions.
     fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
         phases.measure("search", || {
-            domain.refresh(p, K::RADIUS * p.h_max());
-            self.near.build(p, K::RADIUS, self.settings.search)
+            domain.refresh(p, self.kernel.radius() * p.h_max());
+            self.near.build(p, self.kernel.radius(), self.settings.search)
         })?;
         Ok(())
     }

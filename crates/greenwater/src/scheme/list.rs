@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
 use super::{IsphPaperSettings, Medium, Preset, Scheme, WcsphSettings};
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
 
@@ -151,11 +151,16 @@ impl MethodSettings {
         self.step_cost_per_pair()
     }
 
-    /// The method, ready to start from `particles`.
+    /// The method, ready to start. The kernels that methods take by themselves are compiled into their loops; the others are told
+    /// apart at every pair.
     ///
     /// # Errors
     /// Settings of the pressure solver that contradict each other.
-    pub fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
-        with_settings!(self, s => s.scheme(kernel, medium))
+    pub fn scheme<const D: usize>(&self, kernel: KernelName, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
+        with_settings!(self, s => match kernel {
+            KernelName::CubicSpline => s.scheme(CubicSpline, medium),
+            KernelName::WendlandC2 => s.scheme(WendlandC2, medium),
+            other => s.scheme(other, medium),
+        })
     }
 }

@@ -318,8 +318,8 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
     /// Pairs, pressures, stresses, forces: everything that follows from positions, velocities and densities.
     fn evaluate(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
         phases.measure("search", || {
-            domain.refresh(p, K::RADIUS * p.h_max());
-            self.near.build(p, K::RADIUS, self.settings.search)
+            domain.refresh(p, self.kernel.radius() * p.h_max());
+            self.near.build(p, self.kernel.radius(), self.settings.search)
         })?;
         phases.measure("pressure", || self.equation_of_state(p, domain));
         phases.measure("stress", || self.viscous_stress(p, domain));
@@ -444,8 +444,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
             }
         }
         if let WallForces::Normal(NormalForce { normals, .. }) = &mut self.walls {
-            domain.refresh(p, K::RADIUS * p.h_max());
-            self.near.build(p, K::RADIUS, self.settings.search)?;
+            domain.refresh(p, self.kernel.radius() * p.h_max());
+            self.near.build(p, self.kernel.radius(), self.settings.search)?;
             *normals = wall_normals(self.kernel, &self.near, p);
             domain.refresh_column(normals);
         }
