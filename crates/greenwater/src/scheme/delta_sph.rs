@@ -1,0 +1,172 @@
+//! δ-SPH: weakly compressible SPH of today, with density diffusion, walls that carry pressure, and sound steps.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::acoustic::{Acoustic, AnyFlux, Between, Flux, Plan, Side, StartPressure, Stepping, TensileControl};
+use super::{Medium, Preset};
+use crate::kernel::Kernel;
+use crate::math::Vector;
+use crate::neighbors::Search;
+use crate::physics::diffusion::Diffusion;
+use crate::physics::state::{EquationOfState, PressureLaw};
+use crate::walls::dummy::{WallPressure, WallSlip, WallSuction};
+
+/// Parameters of the method `delta-sph`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DeltaSphSettings {
+    /// Where the defaults come from; both presets are the same here.
+    pub preset: Preset,
+    /// How pressure follows from density.
+    pub pressure_law: PressureLaw,
+    /// Speed of sound over the reference speed, dimensionless, >= 1: 10 keeps the density within 1 % (Monaghan 1994).
+    pub sound_factor: f64,
+    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start if that is more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_speed: Option<f64>,
+    /// What density diffusion leaves alone.
+    pub diffusion: Diffusion,
+    /// Strength `δ` of density diffusion, dimensionless, >= 0.
+    pub delta: f64,
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
+    pub alpha: f64,
+    /// What acts against clumping where the pressure is below zero.
+    pub tensile_control: TensileControl,
+    /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
+    pub shifting: f64,
+    /// How wall particles get their pressure.
+    pub wall_pressure: WallPressure,
+    /// How fluid slides along walls.
+    pub wall_slip: WallSlip,
+    /// Whether walls can pull.
+    pub wall_suction: WallSuction,
+    /// Pressure at the start; left out: `given` for particles from a file, else `released`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start_pressure: Option<StartPressure>,
+    /// How sound is stepped.
+    pub stepping: Stepping,
+    /// Share of `h/(c0 + v)` that a sound step takes, dimensionless, in (0, 1].
+    pub acoustic_courant: f64,
+    /// How pairs are found.
+    pub search: Search,
+}
+
+impl DeltaSphSettings {
+    /// The defaults of `preset`.
+    pub fn preset(preset: Preset) -> Self {
+        Self {
+            preset,
+            pressure_law: PressureLaw::Linear,
+            sound_factor: 10.0,
+            reference_speed: None,
+            diffusion: Diffusion::Fourtakas,
+            delta: 0.1,
+            alpha: 0.02,
+            tensile_control: TensileControl::Switch,
+            shifting: 1.0,
+            wall_pressure: WallPressure::Adami,
+            wall_slip: WallSlip::NoSlip,
+            wall_suction: WallSuction::None,
+            start_pressure: None,
+            stepping: Stepping::Dual,
+            acoustic_courant: 0.6,
+            search: Search::Grid,
+        }
+    }
+}
+
+/// δ-SPH with all its parts; see [`Acoustic`] for those it shares.
+///
+/// `dρ_a/dt = ρ_a Σ_b V_b v_ab·∇W_ab + 2 δ h c0 Σ_b (m_b/ρ̄_ab) jump_ab x_ab·∇W_ab/r²`,
+/// `dv_a/dt = −Σ_b m_b (p_a + p_b)/(ρ_a ρ_b) ∇W_ab + α h c0 ρ0 Σ_b m_b/(ρ_a ρ_b) (v_ab·x_ab)/r² ∇W_ab + 2μ Σ_b m_b/(ρ_a ρ_b) (W'/r) v_ab + g`.
+/// Every force is equal and opposite in a pair. Diffusion and artificial viscosity act between fluid particles only.
+///
+/// Sources: Antuono, Colagrossi, Marrone & Molteni, Comput. Phys. Commun. 181 (2010) 532; Marrone et al., Comput. Methods Appl.
+/// Mech. Eng. 200 (2011) 1526; Fourtakas et al., Comput. Fluids 190 (2019) 346; viscosity by Morris, Fox & Zhu (1997).
+pub type DeltaSph<K, const D: usize> = Acoustic<K, D>;
+
+impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
+    /// The method `delta-sph` for a fluid, with a kernel and checked parameters.
+    pub fn delta_sph(kernel: K, medium: Medium<D>, settings: &DeltaSphSettings) -> Self {
+        let flux = DeltaFlux {
+            delta: settings.delta,
+            alpha: settings.alpha,
+            // The speed of sound is known when the particles are.
+            sound: 0.0,
+            rest: medium.rest_density,
+            viscosity: medium.viscosity,
+            rubs: settings.wall_slip == WallSlip::NoSlip,
+            switch: settings.tensile_control == TensileControl::Switch,
+        };
+        let sound = settings.reference_speed.map(|speed| settings.sound_factor * speed);
+        Self::of(
+            kernel,
+            medium,
+            Plan {
+                flux: AnyFlux::Delta(flux),
+                state: EquationOfState { law: settings.pressure_law, sound: sound.unwrap_or_default(), rest: medium.rest_density },
+                sound_factor: if sound.is_none() { Some(settings.sound_factor) } else { None },
+                start: settings.start_pressure.unwrap_or(StartPressure::Released),
+                walls: settings.wall_pressure,
+                slip: settings.wall_slip,
+                suction: settings.wall_suction,
+                stepping: settings.stepping,
+                acoustic_courant: settings.acoustic_courant,
+                diffusion: settings.diffusion,
+                shifting: settings.shifting,
+                search: settings.search,
+            },
+        )
+    }
+}
+
+/// The pair terms of δ-SPH.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DeltaFlux {
+    /// `δ`, dimensionless.
+    pub delta: f64,
+    /// `α`, dimensionless.
+    pub alpha: f64,
+    /// `c0`, m/s.
+    pub sound: f64,
+    /// `ρ0`, kg/m³.
+    pub rest: f64,
+    /// `μ`, Pa s.
+    pub viscosity: f64,
+    /// Walls enter the viscous force.
+    pub rubs: bool,
+    /// Tensile control by Sun et al. (2018).
+    pub switch: bool,
+}
+
+impl<const D: usize> Flux<D> for DeltaFlux {
+    fn with_sound(self, sound: f64) -> Self {
+        Self { sound, ..self }
+    }
+
+    #[inline(always)]
+    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
+        let pulled = self.switch && a.inside && a.pressure < 0.0;
+        let pressure = if pulled { b.pressure - a.pressure } else { b.pressure + a.pressure };
+        let mut along = -pressure;
+        if !pair.wall {
+            let approach = (a.v - b.v).dot(pair.x_ab) / (pair.r * pair.r + 0.01 * pair.h * pair.h);
+            along += self.alpha * pair.h * self.sound * self.rest * approach;
+        }
+        let mut force = along * pair.x_ab;
+        if self.rubs || !pair.wall {
+            force += 2.0 * self.viscosity * (a.u - b.u);
+        }
+        pair.dw / (a.density * b.density) * force
+    }
+
+    #[inline(always)]
+    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
+        let mut rate = a.density / b.density * (a.v - b.v).dot(pair.x_ab);
+        if !pair.wall {
+            rate += 4.0 * self.delta * pair.h * self.sound * jump / (a.density + b.density);
+        }
+        pair.dw * rate
+    }
+}
