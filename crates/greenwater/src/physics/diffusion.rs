@@ -10,7 +10,7 @@ use crate::math::Vector;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Diffusion {
-    /// That of liquid at rest, `ρ g/c²` (Fourtakas et al. 2019): right where gravity is the only steady force.
+    /// That of liquid at rest, `ρ0 g/c²` (Fourtakas et al. 2019): right where gravity is the only steady force.
     Fourtakas,
     /// The renormalised gradient of the density (Antuono et al. 2010): right everywhere, and one more sum over neighbours.
     Antuono,
@@ -18,17 +18,16 @@ pub enum Diffusion {
     Molteni,
 }
 
-/// `∇ρ = ρ g/c²` of liquid at rest, kg/m⁴.
+/// `∇ρ = ρ0 g/c²` of liquid at rest, kg/m⁴: its pressure is `ρ0 g d` at the depth `d`.
 #[inline]
 pub fn gradient_at_rest<const D: usize>(state: &EquationOfState, gravity: Vector<D>, density: f64) -> Vector<D> {
-    density / state.sound_squared(density) * gravity
+    state.rest / state.sound_squared(density) * gravity
 }
 
 /// The part of `ρ_a − ρ_b` that diffuses, kg/m³: `ρ_a − ρ_b − ½ (G_a + G_b)·x_ab` with the gradients that stay; antisymmetric in
 /// the pair.
 ///
-/// The rate is `dρ_a/dt = 2 δ h c0 Σ_b (m_b/ρ̄_ab) jump x_ab·∇_a W_ab/r²` with `ρ̄_ab = (ρ_a + ρ_b)/2`: `Σ m dρ/dt` vanishes
-/// pair by pair.
+/// The rate is `dρ_a/dt = 2 δ h c0 Σ_b (m_b/ρ0) jump x_ab·∇_a W_ab/r²`: `Σ m dρ/dt` vanishes pair by pair.
 #[inline(always)]
 pub fn jump<const D: usize>(rho_a: f64, rho_b: f64, gradient_a: Vector<D>, gradient_b: Vector<D>, x_ab: Vector<D>) -> f64 {
     rho_a - rho_b - 0.5 * (gradient_a + gradient_b).dot(x_ab)
@@ -46,7 +45,7 @@ mod tests {
         for law in [PressureLaw::Linear, PressureLaw::Tait] {
             let state = EquationOfState { law, sound: 60.0, rest: 1000.0 };
             // a lies deeper than b by g·x_ab.
-            let (b, a) = (state.hydrostatic(10.0), state.hydrostatic(10.0 + gravity.dot(x_ab)));
+            let (b, a) = (state.density(1e4), state.density(1e4 + 1000.0 * gravity.dot(x_ab)));
             let (of_a, of_b) = (gradient_at_rest(&state, gravity, a), gradient_at_rest(&state, gravity, b));
             // 1e-6: third order in g·x_ab/c².
             assert!(jump(a, b, of_a, of_b, x_ab).abs() < 1e-6 * (a - b).abs(), "{law:?}");

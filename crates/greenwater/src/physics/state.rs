@@ -66,16 +66,6 @@ impl EquationOfState {
         }
     }
 
-    /// Density of liquid at rest under the potential `weight = g z` (m²/s²) at the depth `z` below a free surface, kg/m³:
-    /// the exact solution of `dp/dz = ρ g`.
-    pub fn hydrostatic(&self, weight: f64) -> f64 {
-        let s = weight / (self.sound * self.sound);
-        match self.law {
-            PressureLaw::Linear => self.rest * s.exp(),
-            PressureLaw::Tait => self.rest * (1.0 + f64::from(GAMMA - 1) * s).max(0.0).powf(1.0 / f64::from(GAMMA - 1)),
-        }
-    }
-
     /// `B = c0² ρ0/γ`, Pa.
     fn stiffness(&self) -> f64 {
         self.sound * self.sound * self.rest / f64::from(GAMMA)
@@ -107,20 +97,6 @@ mod tests {
             let slope = (state.pressure(1010.001) - state.pressure(1009.999)) / 2e-3;
             // 1e-7: cancellation in the difference quotient.
             assert!((state.sound_squared(1010.0) / slope - 1.0).abs() < 1e-7, "{law:?}");
-        }
-    }
-
-    #[test]
-    fn the_hydrostatic_density_carries_its_own_weight() {
-        for law in LAWS {
-            let state = EquationOfState { law, sound: 50.0, rest: 1000.0 };
-            let (g, z, step) = (9.81, 2.0, 1e-4);
-            let at = |z: f64| state.pressure(state.hydrostatic(g * z));
-            let slope = (at(z + step) - at(z - step)) / (2.0 * step);
-            let weight = state.hydrostatic(g * z) * g;
-            // 1e-7: cancellation in the difference quotient.
-            assert!((slope / weight - 1.0).abs() < 1e-7, "{law:?}: {slope} against {weight}");
-            assert_eq!(at(0.0), 0.0);
         }
     }
 }

@@ -42,7 +42,7 @@ pub enum Stepping {
 pub enum StartPressure {
     /// From the density that the case or the particle file gives.
     Given,
-    /// `p = ρ g d` under the weight of the fluid above, whatever is beside it.
+    /// `p = ρ0 g d` under the weight of the fluid above, whatever is beside it.
     Hydrostatic,
     /// That of a flow about to begin: zero on the free surface, the weight of the liquid on walls, harmonic in between. Liquid at
     /// rest is hydrostatic by it, and a column without its gate starts without a burst of sound.
@@ -226,7 +226,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way between the two
     /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice).
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / self.sums.slope);
+        let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.sums.slope * self.plan.state.rest));
         let threshold = self.sums.surface_threshold();
         let rows = p.len();
         self.place.resize(rows, Place::Inside);
@@ -237,7 +237,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             let mut moments = [Vector::ZERO; D];
             let mut concentration = Vector::ZERO;
             near.for_each(a, |pair| {
-                let grad_w = slope * p.volume(pair.b) * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                let grad_w = slope * p.mass[pair.b] * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
                 concentration += grad_w;
                 for (row, along) in moments.iter_mut().zip(pair.x_ab.0) {
                     *row -= along * grad_w;
@@ -260,9 +260,15 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             };
             (renormalisation(&moments).unwrap_or([Vector::ZERO; D]), normal)
         });
-        for a in 0..owned {
-            p.surface[a] = u8::from(self.normal[a] != Vector::ZERO);
+        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
+            let exposed = self.normal[a] != Vector::ZERO;
+            p.surface[a] = u8::from(exposed);
+            // Spray: neighbours too few to span space cannot tell a density, and what is left of one would pull drops together.
+            if exposed && self.correction[a] == [Vector::ZERO; D] {
+                p.density[a] = self.plan.state.rest;
+            }
         }
+        domain.refresh_column(&mut p.density);
         domain.refresh_column(&mut p.surface);
         domain.refresh_column(&mut self.normal);
         domain.refresh_column(&mut self.correction);
@@ -271,7 +277,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Finds who is near the free surface, and shifts particles over a step `dt`: not those of the surface, those near it along
     /// it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
     fn shift(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
-        let (near, kernel, slope, spacing) = (&self.near, self.kernel, 1.0 / self.sums.slope, self.medium.spacing);
+        let (near, kernel, spacing) = (&self.near, self.kernel, self.medium.spacing);
+        let slope = 1.0 / (self.sums.slope * self.plan.state.rest);
         let (normal, correction) = (&self.normal, &self.correction);
         let owned = p.owned();
         let speed = self.plan.shifting * fastest(p);
@@ -288,7 +295,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             near.for_each(a, |pair| {
                 let b = pair.b;
                 let w = kernel.w(pair.r, pair.h);
-                let grad_w = slope * p.volume(b) * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                let grad_w = slope * p.mass[b] * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
                 concentration += pair_weight(w / whole) * grad_w;
                 gradient += (p.density[b] - p.density[a]) * grad_w;
                 outward += w * normal[b];
@@ -395,7 +402,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.gradient.resize(p.len(), Vector::ZERO);
         let (state, gravity) = (self.plan.state, self.medium.gravity);
         let at_rest = |a: usize| gradient_at_rest(&state, gravity, p.density[a]);
-        let (near, kernel, slope, correction) = (&self.near, self.kernel, 1.0 / self.sums.slope, &self.correction);
+        let (near, kernel, correction) = (&self.near, self.kernel, &self.correction);
+        let slope = 1.0 / (self.sums.slope * state.rest);
         match self.plan.diffusion {
             Diffusion::Molteni => return,
             Diffusion::Fourtakas => sweep(&mut self.gradient[..p.owned()], at_rest),
@@ -406,7 +414,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 let mut sum = Vector::ZERO;
                 near.for_each(a, |pair| {
                     let b = pair.b;
-                    let change = p.volume(b) * (p.density[b] - p.density[a]);
+                    let change = p.mass[b] * (p.density[b] - p.density[a]);
                     sum += slope * change * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
                 });
                 contract(&correction[a], sum)

@@ -62,7 +62,7 @@ impl DeltaSphSettings {
             reference_speed: None,
             diffusion: Diffusion::Fourtakas,
             delta: 0.1,
-            alpha: 0.02,
+            alpha: 0.01,
             tensile_control: TensileControl::Switch,
             shifting: 1.0,
             wall_pressure: WallPressure::Adami,
@@ -78,8 +78,11 @@ impl DeltaSphSettings {
 
 /// δ-SPH with all its parts; see [`Acoustic`] for those it shares.
 ///
-/// `dρ_a/dt = ρ_a Σ_b V_b v_ab·∇W_ab + 2 δ h c0 Σ_b (m_b/ρ̄_ab) jump_ab x_ab·∇W_ab/r²`,
-/// `dv_a/dt = −Σ_b m_b (p_a + p_b)/(ρ_a ρ_b) ∇W_ab + α h c0 ρ0 Σ_b m_b/(ρ_a ρ_b) (v_ab·x_ab)/r² ∇W_ab + 2μ Σ_b m_b/(ρ_a ρ_b) (W'/r) v_ab + g`.
+/// `dρ_a/dt = Σ_b m_b v_ab·∇W_ab + 2 δ h c0 Σ_b (m_b/ρ0) jump_ab x_ab·∇W_ab/r²`,
+/// `dv_a/dt = −Σ_b m_b (p_a + p_b)/ρ0² ∇W_ab + α h c0/ρ0 Σ_b m_b (v_ab·x_ab)/r² ∇W_ab + 2μ/ρ0² Σ_b m_b (W'/r) v_ab + g`.
+///
+/// A particle stands for the volume `m/ρ0` throughout. With `m/ρ` a lattice that starts uncompressed would carry the pressure
+/// `ρ0 g d (ρ/ρ0)²`, 0.5 % too much under a depth `H`; the two differ by the square of the Mach number.
 /// Every force is equal and opposite in a pair. Diffusion and artificial viscosity act between fluid particles only.
 ///
 /// Sources: Antuono, Colagrossi, Marrone & Molteni, Comput. Phys. Commun. 181 (2010) 532; Marrone et al., Comput. Methods Appl.
@@ -158,14 +161,14 @@ impl<const D: usize> Flux<D> for DeltaFlux {
         if self.rubs || !pair.wall {
             force += 2.0 * self.viscosity * (a.u - b.u);
         }
-        pair.dw / (a.density * b.density) * force
+        pair.dw / (self.rest * self.rest) * force
     }
 
     #[inline(always)]
     fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
-        let mut rate = a.density / b.density * (a.v - b.v).dot(pair.x_ab);
+        let mut rate = (a.v - b.v).dot(pair.x_ab);
         if !pair.wall {
-            rate += 4.0 * self.delta * pair.h * self.sound * jump / (a.density + b.density);
+            rate += 2.0 * self.delta * pair.h * self.sound / self.rest * jump;
         }
         pair.dw * rate
     }

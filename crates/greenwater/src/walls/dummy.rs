@@ -99,7 +99,7 @@ impl<const D: usize> DummyWalls<D> {
 
     /// Gives every wall particle its pressure (Pa), the density that belongs to it (kg/m³), and its velocity in the viscous force.
     ///
-    /// Adami: `p_w = Σ_f [p_f + ρ_f (g − a_w)·(x_w − x_f)] W_wf / Σ_f W_wf`. No fluid in reach: 0.
+    /// Adami: `p_w = Σ_f [p_f + ρ0 (g − a_w)·(x_w − x_f)] W_wf / Σ_f W_wf`. No fluid in reach: 0.
     pub fn extrapolate<K: Kernel<D>>(&mut self, kernel: K, near: &Neighbors<D>, p: &mut Particles<D>, domain: &Domain<D>, liquid: Liquid<D>) {
         let owned = p.owned();
         self.pressure.resize(owned, 0.0);
@@ -114,10 +114,10 @@ impl<const D: usize> DummyWalls<D> {
             if p.kind[a] != Kind::Wall {
                 return (p.pressure[a], p.density[a]);
             }
-            let weight = gravity - p.acceleration[a];
+            let weight = state.rest * (gravity - p.acceleration[a]);
             let pressure = match model {
                 WallPressure::Adami => mean_in_front(kernel, near, p, a, weight),
-                WallPressure::GhostNodes => nodes.extrapolate(kernel, near, p, a, weight),
+                WallPressure::GhostNodes => nodes.extrapolate(kernel, near, p, a, weight, state.rest),
             };
             let pressure = pressure.max(least);
             (pressure, state.density(pressure))
@@ -149,14 +149,15 @@ impl<const D: usize> DummyWalls<D> {
     }
 }
 
-/// Mean pressure of the fluid near wall particle `a`, Pa, each with the weight of the liquid in between; `weight` is `g − a_w`, m/s².
+/// Mean pressure of the fluid near wall particle `a`, Pa, each with the weight of the liquid in between; `weight` is `ρ0 (g − a_w)`,
+/// N/m³.
 fn mean_in_front<K: Kernel<D>, const D: usize>(kernel: K, near: &Neighbors<D>, p: &Particles<D>, a: usize, weight: Vector<D>) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     near.for_each(a, |pair| {
         let b = pair.b;
         if p.is_fluid(b) {
             let w = kernel.w(pair.r, pair.h);
-            sum += w * (p.pressure[b] + p.density[b] * weight.dot(pair.x_ab));
+            sum += w * (p.pressure[b] + weight.dot(pair.x_ab));
             total += w;
         }
     });
@@ -205,7 +206,7 @@ impl<const D: usize> Nodes<D> {
 
     /// Pressure of wall particle `a`, Pa: the linear fit `Σ_f V W (1, y) (1, y)ᵀ c = Σ_f V W (1, y) p_f` about the mirror point,
     /// `y = (x_f − x_node)/h`, taken at the wall particle; with too few fluid particles the mean with the weight in between.
-    fn extrapolate<K: Kernel<D>>(&self, kernel: K, near: &Neighbors<D>, p: &Particles<D>, a: usize, weight: Vector<D>) -> f64 {
+    fn extrapolate<K: Kernel<D>>(&self, kernel: K, near: &Neighbors<D>, p: &Particles<D>, a: usize, weight: Vector<D>, rest: f64) -> f64 {
         let (node, h) = (p.x[a] + self.offset[a], p.h[a]);
         // Room for one constant and up to three slopes; unused rows are those of the unit matrix.
         let mut matrix = [[0.0; 4]; 4];
@@ -214,7 +215,7 @@ impl<const D: usize> Nodes<D> {
         for &b in &self.near[a] {
             let b = b as usize;
             let away = near.x(b) - node;
-            let w = kernel.w(away.norm(), 0.5 * (h + p.h[b])) * p.volume(b);
+            let w = kernel.w(away.norm(), 0.5 * (h + p.h[b])) * p.mass[b] / rest;
             let y = away / h;
             let basis: [f64; 4] = std::array::from_fn(|k| if k == 0 { 1.0 } else if k <= D { y[k - 1] } else { 0.0 });
             for (row, first) in matrix.iter_mut().zip(basis) {
@@ -225,7 +226,7 @@ impl<const D: usize> Nodes<D> {
             for (entry, first) in right.iter_mut().zip(basis) {
                 *entry += w * first * p.pressure[b];
             }
-            sum += w * (p.pressure[b] + p.density[b] * weight.dot(p.x[a] - near.x(b)));
+            sum += w * (p.pressure[b] + weight.dot(p.x[a] - near.x(b)));
             total += w;
         }
         if total == 0.0 {

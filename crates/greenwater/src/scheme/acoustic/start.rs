@@ -34,7 +34,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
             if self.plan.start != StartPressure::Given {
                 let depth = (self.medium.depth - self.medium.height(p.x[a])).max(0.0);
-                p.density[a] = state.hydrostatic(self.medium.g() * depth);
+                p.density[a] = state.density(state.rest * self.medium.g() * depth);
             }
             p.pressure[a] = state.pressure(p.density[a]);
         }
@@ -70,7 +70,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let mut q = vec![0.0; p.len()];
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid && !free(a)) {
             let depth = 0.5 * self.medium.spacing * self.normal[a].dot(up).max(0.0);
-            q[a] = state.pressure(state.hydrostatic(self.medium.g() * depth)) - p.pressure[a];
+            q[a] = state.rest * self.medium.g() * depth - p.pressure[a];
         }
         domain.refresh_column(&mut q);
         let apply = |q: &[f64], out: &mut [f64]| {
