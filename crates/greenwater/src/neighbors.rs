@@ -136,12 +136,6 @@ impl<const D: usize> Neighbors<D> {
         }
     }
 
-    /// Position of row `a`, m, as it was at the build or at the last [`follow`](Self::follow).
-    #[inline(always)]
-    pub fn x(&self, a: usize) -> Vector<D> {
-        self.x[a]
-    }
-
     /// Rows of the neighbours of `a`.
     #[inline(always)]
     pub fn of(&self, a: usize) -> &[u32] {

@@ -527,6 +527,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
                 p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;
                 p.density_rate[a] = self.rate[a];
             }
+            p.force[a] = self.wall_force[a];
         }
         Ok(StepReport::default())
     }

@@ -4,12 +4,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::acoustic::{Acoustic, AnyFlux, Between, Flux, Plan, Side, StartPressure, Stepping, TensileControl};
-use super::{Medium, Preset};
-use crate::kernel::Kernel;
+use super::settings::{BrokenRule, Settings, Still};
+use super::{Medium, Preset, Scheme};
+use crate::kernel::{Kernel, KernelName};
 use crate::math::Vector;
 use crate::neighbors::Search;
 use crate::physics::diffusion::Diffusion;
+use crate::physics::pressure::{Elasticity, GAMMA};
 use crate::physics::state::{EquationOfState, PressureLaw};
+use crate::poisson::SolveError;
 use crate::walls::dummy::{WallPressure, WallSlip, WallSuction};
 
 /// Parameters of the method `delta-sph`.
@@ -73,6 +76,113 @@ impl DeltaSphSettings {
             acoustic_courant: 0.6,
             search: Search::Grid,
         }
+    }
+}
+
+impl Settings for DeltaSphSettings {
+    /// `h` of 1.5 spacings: the sums of the lattice are right within 0.3 %, and three lines of wall particles fill the support.
+    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.5);
+    const STEP_COST: f64 = 2e-7;
+
+    fn preset(preset: Preset) -> Self {
+        Self::preset(preset)
+    }
+
+    fn preset_name(&self) -> Preset {
+        self.preset
+    }
+
+    fn check(&self, _reach: f64) -> Result<(), BrokenRule> {
+        BrokenRule::unless(self.sound_factor >= 1.0, "sound_factor", self.sound_factor, ">= 1")?;
+        self.reference_speed.map_or(Ok(()), |speed| BrokenRule::unless_positive("reference_speed", speed))?;
+        BrokenRule::unless_not_negative("delta", self.delta)?;
+        BrokenRule::unless_not_negative("alpha", self.alpha)?;
+        BrokenRule::unless_not_negative("shifting", self.shifting)?;
+        let share = self.acoustic_courant;
+        BrokenRule::unless(share > 0.0 && share <= 1.0, "acoustic_courant", share, "> 0 and <= 1")
+    }
+
+    fn resolve(&mut self, still: &Still) {
+        self.start_pressure.get_or_insert(if still.from_file { StartPressure::Given } else { StartPressure::Released });
+    }
+
+    fn distinctions(&self) -> Vec<(&'static str, String)> {
+        let law = match self.pressure_law {
+            PressureLaw::Linear => "p = c0\u{b2} (\u{3c1} - \u{3c1}0)",
+            PressureLaw::Tait => "equation of state (25)",
+        };
+        let speed = match self.reference_speed {
+            Some(speed) => format!("{} times {speed} m/s", self.sound_factor),
+            None => format!("{} times 2 sqrt(g H) or the greatest speed at the start", self.sound_factor),
+        };
+        let diffusion = match self.diffusion {
+            Diffusion::Fourtakas => "Fourtakas et al. (2019)",
+            Diffusion::Antuono => "Antuono et al. (2010)",
+            Diffusion::Molteni => "Molteni & Colagrossi (2009)",
+        };
+        let start = match self.start_pressure {
+            Some(StartPressure::Given) => "as given",
+            Some(StartPressure::Hydrostatic) => "under the weight of the fluid above",
+            Some(StartPressure::Released) | None => "that of a free column",
+        };
+        let walls = match self.wall_pressure {
+            WallPressure::Adami => "particles with the mean pressure of the fluid in front (Adami et al. 2012)",
+            WallPressure::GhostNodes => "particles with the pressure fitted at their mirror points (mDBC)",
+        };
+        let slip = match self.wall_slip {
+            WallSlip::NoSlip => "no slip",
+            WallSlip::FreeSlip => "free slip",
+        };
+        let stepping = match self.stepping {
+            Stepping::Dual => "position-Verlet in sound steps within a step of the flow (Zhang et al. 2020)",
+            Stepping::Single => "position-Verlet",
+        };
+        let limit = match self.stepping {
+            Stepping::Dual => "speed; sound within a step",
+            Stepping::Single => "sound speed plus speed",
+        };
+        let shifting = if self.shifting > 0.0 { "; particles shifted (Sun et al. 2017)" } else { "" };
+        vec![
+            ("compressibility", format!("weakly compressible, sound speed {speed}")),
+            ("pressure from", law.to_owned()),
+            ("density from", format!("continuity equation (22), diffusion by {diffusion}, delta = {}; at the start {start}", self.delta)),
+            ("viscosity", format!("of the fluid, and artificial, alpha = {}", self.alpha)),
+            ("time step limited by", limit.to_owned()),
+            ("time stepping", stepping.to_owned()),
+            ("walls", format!("{walls}, {slip}")),
+            ("free surface", format!("sum over neighbours below its value half-way between two rows of the lattice{shifting}")),
+            ("linear system", "none".to_owned()),
+            ("work of a step", "four sums over neighbours, and two for each sound step".to_owned()),
+        ]
+    }
+
+    fn departures(&self, _viscosity: f64, _kernel: KernelName) -> Vec<String> {
+        vec!["sums over neighbours are scaled by one number, so that the lattice of the start differentiates linear fields exactly".to_owned()]
+    }
+
+    fn time_step_rule(&self, courant: f64) -> String {
+        let sound = self.acoustic_courant;
+        match self.stepping {
+            Stepping::Dual => format!("{courant} h over the greatest speed, in sound steps of {sound} h over sound speed plus speed"),
+            Stepping::Single => format!("{sound} h over the greatest of sound speed plus speed"),
+        }
+    }
+
+    fn sound_speed(&self, g: f64, depth: f64, fastest: f64) -> f64 {
+        self.sound_factor * self.reference_speed.unwrap_or((2.0 * (g * depth).sqrt()).max(fastest))
+    }
+
+    fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
+        let sound = self.sound_speed(medium.g(), medium.depth, 0.0);
+        match self.pressure_law {
+            _ if sound == 0.0 => Elasticity::Unknown,
+            PressureLaw::Linear => Elasticity::Linear(sound),
+            PressureLaw::Tait => Elasticity::Tait(sound * sound * medium.rest_density / f64::from(GAMMA)),
+        }
+    }
+
+    fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
+        Ok(Box::new(DeltaSph::delta_sph(kernel, medium, self)))
     }
 }
 

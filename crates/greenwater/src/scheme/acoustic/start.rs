@@ -55,6 +55,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             p.acceleration[a] = self.push[a];
             p.density_rate[a] = self.rate[a];
         }
+        p.force[..self.wall_force.len()].copy_from_slice(&self.wall_force);
         Ok(())
     }
 
