@@ -14,6 +14,8 @@ pub struct LatticeSums {
     pub first_row: f64,
     /// The same in the row below.
     pub second_row: f64,
+    /// `h |Σ_b V ∇_a W_ab|` beside one missing neighbour.
+    pub vacancy: f64,
 }
 
 impl LatticeSums {
@@ -41,7 +43,8 @@ impl LatticeSums {
                 }
             }
         }
-        Self { unity, slope: inside / D as f64, first_row: rows[0] / inside, second_row: rows[1] / inside }
+        let vacancy = -h * volume * kernel.dw_over_r(spacing, h) * spacing;
+        Self { vacancy, unity, slope: inside / D as f64, first_row: rows[0] / inside, second_row: rows[1] / inside }
     }
 
     /// Share of the inner value of `∇·x` below which a particle belongs to the free surface: half-way between the outermost row
@@ -66,6 +69,7 @@ mod tests {
         assert!((2.0 * plane.slope * plane.second_row - 1.87).abs() < 5e-3, "{plane:?}");
         let space = LatticeSums::of::<_, 3>(WendlandC2, 1.0, 1.3);
         assert!((3.0 * space.slope * space.first_row - 2.03).abs() < 5e-3, "{space:?}");
+        assert!((LatticeSums::of::<_, 2>(WendlandC2, 0.1, 0.15).vacancy - 0.244).abs() < 1e-3);
         let cubic = LatticeSums::of::<_, 2>(CubicSpline, 1.0, 1.2);
         assert!((2.0 * cubic.slope * cubic.first_row - 1.28).abs() < 5e-3, "{cubic:?}");
     }

@@ -16,7 +16,7 @@ use crate::particles::{Kind, Particles};
 use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::LatticeSums;
-use crate::physics::shifting::{pair_weight, shift};
+use crate::physics::shifting::{pair_weight, shift, volume_pull};
 use crate::physics::state::EquationOfState;
 use crate::physics::viscosity::{Tensor, contract};
 use crate::sweep::{largest, sweep, sweep2};
@@ -135,6 +135,8 @@ pub(super) struct Plan {
     pub diffusion: Diffusion,
     /// Strength of the shift over that of Sun et al.; 0 for none.
     pub shifting: f64,
+    /// Share of a lack of volume that is closed while the fastest fluid moves by `h`; 0 for none.
+    pub volume_control: f64,
     pub search: Search,
 }
 
@@ -147,6 +149,22 @@ enum Place {
     Near,
     /// On the free surface.
     Surface,
+}
+
+/// What shifting does to a particle.
+#[derive(Clone, Copy, Debug)]
+struct Shift<const D: usize> {
+    /// The move, m.
+    by: Vector<D>,
+    /// Change of density that goes with it, kg/m³.
+    change: f64,
+    /// Rate of density that draws dilated fluid together, kg/(m³ s).
+    pull: f64,
+    place: Place,
+}
+
+impl<const D: usize> Shift<D> {
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Inside };
 }
 
 /// Pairs reach so much farther than the kernel, in smoothing lengths: a list lasts for one step. In a step of `0.25 h/U` the
@@ -173,8 +191,7 @@ pub struct Acoustic<K, const D: usize> {
     correction: Vec<Tensor<D>>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴.
     gradient: Vec<Vector<D>>,
-    /// Shift, m, and what it does to the density, kg/m³.
-    shifts: Vec<(Vector<D>, f64, Place)>,
+    shifts: Vec<Shift<D>>,
     /// Acceleration of fluid, m/s²; force on walls, N (N/m in 2D).
     push: Vec<Vector<D>>,
     /// Mean force on walls over the step, N (N/m in 2D).
@@ -224,10 +241,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Which particles belong to the free surface, its normal there, and `L_a`.
     ///
     /// A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way between the two
-    /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice).
+    /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are as
+    /// one-sided as beside a missing one: a void is a surface, too, and shifting must not fill it.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.sums.slope * self.plan.state.rest));
-        let threshold = self.sums.surface_threshold();
+        let (threshold, gap) = (self.sums.surface_threshold(), self.sums.vacancy / self.sums.slope);
         let rows = p.len();
         self.place.resize(rows, Place::Inside);
         self.normal.resize(rows, Vector::ZERO);
@@ -254,7 +272,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             let length = concentration.norm();
             // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
             let normal = match () {
-                () if trace >= threshold * D as f64 => Vector::ZERO,
+                () if trace >= threshold * D as f64 && length * p.h[a] <= gap => Vector::ZERO,
                 () if length > 0.0 => -concentration / length,
                 () => Vector::unit(D - 1),
             };
@@ -281,33 +299,39 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let slope = 1.0 / (self.sums.slope * self.plan.state.rest);
         let (normal, correction) = (&self.normal, &self.correction);
         let owned = p.owned();
-        let speed = self.plan.shifting * fastest(p);
-        self.shifts.resize(owned, (Vector::ZERO, 0.0, Place::Inside));
+        let (speed, Plan { shifting, volume_control, state, .. }) = (fastest(p), self.plan);
+        self.shifts.resize(owned, Shift::NONE);
         sweep(&mut self.shifts, |a| {
             if !p.is_fluid(a) {
-                return (Vector::ZERO, 0.0, Place::Inside);
+                return Shift::NONE;
             }
             if normal[a] != Vector::ZERO {
-                return (Vector::ZERO, 0.0, Place::Surface);
+                return Shift { place: Place::Surface, ..Shift::NONE };
             }
             let (mut concentration, mut outward, mut gradient) = (Vector::ZERO, Vector::ZERO, Vector::ZERO);
             let whole = kernel.w(spacing, p.h[a]);
+            let mut sum = p.mass[a] / state.rest * kernel.w(0.0, p.h[a]);
             near.for_each(a, |pair| {
                 let b = pair.b;
                 let w = kernel.w(pair.r, pair.h);
                 let grad_w = slope * p.mass[b] * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                sum += p.mass[b] / state.rest * w;
                 concentration += pair_weight(w / whole) * grad_w;
                 gradient += (p.density[b] - p.density[a]) * grad_w;
                 outward += w * normal[b];
             });
             let length = outward.norm();
             let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
-            let by = shift(concentration, p.h[a], speed, dt, normal);
-            (by, contract(&correction[a], gradient).dot(by), place)
+            let by = shift(concentration, p.h[a], shifting * speed, dt, normal);
+            let pull = match place {
+                Place::Inside => state.rest * volume_pull(sum, p.h[a], speed, volume_control),
+                Place::Near | Place::Surface => 0.0,
+            };
+            Shift { by, change: contract(&correction[a], gradient).dot(by), pull, place }
         });
         self.place.resize(p.len(), Place::Inside);
         for a in 0..owned {
-            let (by, change, place) = self.shifts[a];
+            let Shift { by, change, place, .. } = self.shifts[a];
             self.place[a] = place;
             if p.kind[a] == Kind::Fluid {
                 p.x[a] += by;
@@ -334,13 +358,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let flux = flux.with_sound(self.plan.state.sound);
         let (near, kernel, slope, gravity) = (&self.near, self.kernel, 1.0 / self.sums.slope, self.medium.gravity);
         let (place, viscous) = (&self.place, if self.medium.viscosity > 0.0 { &self.walls.velocity } else { &p.v });
-        let side = |a: usize| Side {
-            v: p.v[a],
-            u: viscous[a],
-            density: p.density[a],
-            pressure: p.pressure[a],
-            inside: place[a] == Place::Inside,
-        };
+        let side =
+            |a: usize| Side { v: p.v[a], u: viscous[a], density: p.density[a], pressure: p.pressure[a], inside: place[a] == Place::Inside };
         self.push.resize(p.owned(), Vector::ZERO);
         sweep(&mut self.push, |a| {
             let mut sum = Vector::ZERO;
@@ -377,11 +396,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn rates<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
         let flux = flux.with_sound(self.plan.state.sound);
         let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.sums.slope, &self.gradient);
+        let shifts = &self.shifts;
         let side = |a: usize| Side { v: p.v[a], u: p.v[a], density: p.density[a], pressure: p.pressure[a], inside: true };
         self.rate.resize(p.owned(), 0.0);
         sweep(&mut self.rate, |a| {
             let mut sum = 0.0;
             if p.is_fluid(a) {
+                sum = shifts[a].pull;
                 let own = side(a);
                 near.for_each(a, |pair| {
                     if pair.r < K::RADIUS * pair.h {
@@ -429,6 +450,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         // x^{n+1/2} = x^n + Δt/2 v^n, ρ^{n+1/2} = ρ^n + Δt/2 (dρ/dt)^n, p^{n+1/2}
         phases.measure("motion", || {
             self.drift(p, 0.5 * dt);
+            self.dilate(p, 0.5 * dt);
             domain.refresh_column(&mut p.density);
             self.follow(p, domain);
         });
@@ -450,26 +472,31 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
 
         // x^{n+1} = x^{n+1/2} + Δt/2 v^{n+1}, ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}
         phases.measure("motion", || {
-            for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.x[a] += 0.5 * dt * p.v[a];
-            }
+            self.drift(p, 0.5 * dt);
             self.follow(p, domain);
         });
         phases.measure("density", || {
             self.gradients(p, domain);
             with_flux!(self.plan.flux, flux => self.rates(flux, p));
-            for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.density[a] += 0.5 * dt * self.rate[a];
-            }
+            self.dilate(p, 0.5 * dt);
             domain.refresh_column(&mut p.density);
         });
     }
 
-    /// Positions and densities over `dt` with the velocities and rates of now.
+    /// Densities over `dt` with the rates of now. A free surface bears no tension: liquid there parts instead of stretching, so
+    /// its density is never below that at rest.
+    fn dilate(&self, p: &mut Particles<D>, dt: f64) {
+        let rest = self.plan.state.rest;
+        for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
+            let density = p.density[a] + dt * self.rate[a];
+            p.density[a] = if p.surface[a] == 1 { density.max(rest) } else { density };
+        }
+    }
+
+    /// Positions over `dt` with the velocities of now.
     fn drift(&self, p: &mut Particles<D>, dt: f64) {
         for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
             p.x[a] += dt * p.v[a];
-            p.density[a] += dt * self.rate[a];
         }
     }
 

@@ -38,6 +38,8 @@ pub struct DeltaSphSettings {
     pub tensile_control: TensileControl,
     /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
     pub shifting: f64,
+    /// Share of a lack of volume inside the fluid that is closed while the fastest fluid moves by `h`, dimensionless, >= 0.
+    pub volume_control: f64,
     /// How wall particles get their pressure.
     pub wall_pressure: WallPressure,
     /// How fluid slides along walls.
@@ -68,6 +70,7 @@ impl DeltaSphSettings {
             alpha: 0.01,
             tensile_control: TensileControl::Switch,
             shifting: 1.0,
+            volume_control: 0.1,
             wall_pressure: WallPressure::Adami,
             wall_slip: WallSlip::NoSlip,
             wall_suction: WallSuction::None,
@@ -98,6 +101,7 @@ impl Settings for DeltaSphSettings {
         BrokenRule::unless_not_negative("delta", self.delta)?;
         BrokenRule::unless_not_negative("alpha", self.alpha)?;
         BrokenRule::unless_not_negative("shifting", self.shifting)?;
+        BrokenRule::unless_not_negative("volume_control", self.volume_control)?;
         let share = self.acoustic_courant;
         BrokenRule::unless(share > 0.0 && share <= 1.0, "acoustic_courant", share, "> 0 and <= 1")
     }
@@ -157,7 +161,10 @@ impl Settings for DeltaSphSettings {
     }
 
     fn departures(&self, _viscosity: f64, _kernel: KernelName) -> Vec<String> {
-        vec!["sums over neighbours are scaled by one number, so that the lattice of the start differentiates linear fields exactly".to_owned()]
+        vec![
+            "sums over neighbours are scaled by one number, so that the lattice of the start differentiates linear fields exactly"
+                .to_owned(),
+        ]
     }
 
     fn time_step_rule(&self, courant: f64) -> String {
@@ -210,6 +217,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             rest: medium.rest_density,
             viscosity: medium.viscosity,
             rubs: settings.wall_slip == WallSlip::NoSlip,
+            wall_pulls: settings.wall_suction == WallSuction::Full,
             switch: settings.tensile_control == TensileControl::Switch,
         };
         let sound = settings.reference_speed.map(|speed| settings.sound_factor * speed);
@@ -228,6 +236,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 acoustic_courant: settings.acoustic_courant,
                 diffusion: settings.diffusion,
                 shifting: settings.shifting,
+                volume_control: settings.volume_control,
                 search: settings.search,
             },
         )
@@ -249,6 +258,8 @@ pub(super) struct DeltaFlux {
     pub viscosity: f64,
     /// Walls enter the viscous force.
     pub rubs: bool,
+    /// Walls can pull.
+    pub wall_pulls: bool,
     /// Tensile control by Sun et al. (2018).
     pub switch: bool,
 }
@@ -262,7 +273,7 @@ impl<const D: usize> Flux<D> for DeltaFlux {
     fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
         let pulled = self.switch && a.inside && a.pressure < 0.0;
         let pressure = if pulled { b.pressure - a.pressure } else { b.pressure + a.pressure };
-        let mut along = -pressure;
+        let mut along = if pair.wall && !self.wall_pulls { -pressure.max(0.0) } else { -pressure };
         if !pair.wall {
             let approach = (a.v - b.v).dot(pair.x_ab) / (pair.r * pair.r + 0.01 * pair.h * pair.h);
             along += self.alpha * pair.h * self.sound * self.rest * approach;

@@ -39,7 +39,7 @@ pub enum WallSlip {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum WallSuction {
-    /// The pressure of a wall particle is never below zero: fluid leaves a wall freely.
+    /// The pressure of a wall particle is never below zero, and no pair of wall and fluid attracts: fluid leaves a wall freely.
     None,
     /// The pressure of a wall particle is what it comes to.
     Full,
@@ -100,7 +100,14 @@ impl<const D: usize> DummyWalls<D> {
     /// Gives every wall particle its pressure (Pa), the density that belongs to it (kg/m³), and its velocity in the viscous force.
     ///
     /// Adami: `p_w = Σ_f [p_f + ρ0 (g − a_w)·(x_w − x_f)] W_wf / Σ_f W_wf`. No fluid in reach: 0.
-    pub fn extrapolate<K: Kernel<D>>(&mut self, kernel: K, near: &Neighbors<D>, p: &mut Particles<D>, domain: &Domain<D>, liquid: Liquid<D>) {
+    pub fn extrapolate<K: Kernel<D>>(
+        &mut self,
+        kernel: K,
+        near: &Neighbors<D>,
+        p: &mut Particles<D>,
+        domain: &Domain<D>,
+        liquid: Liquid<D>,
+    ) {
         let owned = p.owned();
         self.pressure.resize(owned, 0.0);
         self.density.resize(owned, 0.0);
@@ -217,7 +224,15 @@ impl<const D: usize> Nodes<D> {
             let away = near.x(b) - node;
             let w = kernel.w(away.norm(), 0.5 * (h + p.h[b])) * p.mass[b] / rest;
             let y = away / h;
-            let basis: [f64; 4] = std::array::from_fn(|k| if k == 0 { 1.0 } else if k <= D { y[k - 1] } else { 0.0 });
+            let basis: [f64; 4] = std::array::from_fn(|k| {
+                if k == 0 {
+                    1.0
+                } else if k <= D {
+                    y[k - 1]
+                } else {
+                    0.0
+                }
+            });
             for (row, first) in matrix.iter_mut().zip(basis) {
                 for (entry, second) in row.iter_mut().zip(basis) {
                     *entry += w * first * second;
