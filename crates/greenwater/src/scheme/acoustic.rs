@@ -279,14 +279,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             (renormalisation(&moments).unwrap_or([Vector::ZERO; D]), normal)
         });
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-            let exposed = self.normal[a] != Vector::ZERO;
-            p.surface[a] = u8::from(exposed);
-            // Spray: neighbours too few to span space cannot tell a density, and what is left of one would pull drops together.
-            if exposed && self.correction[a] == [Vector::ZERO; D] {
-                p.density[a] = self.plan.state.rest;
-            }
+            p.surface[a] = u8::from(self.normal[a] != Vector::ZERO);
         }
-        domain.refresh_column(&mut p.density);
         domain.refresh_column(&mut p.surface);
         domain.refresh_column(&mut self.normal);
         domain.refresh_column(&mut self.correction);
