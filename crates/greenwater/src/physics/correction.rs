@@ -11,8 +11,8 @@ pub fn solve<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N], least: f64) 
     let scale = a.iter().flatten().fold(0.0_f64, |most, entry| most.max(entry.abs()));
     for column in 0..N {
         let pivot = (column..N).max_by(|&i, &j| a[i][column].abs().total_cmp(&a[j][column].abs()))?;
-        // Written so that NaN is refused, too.
-        if !(a[pivot][column].abs() > least * scale) {
+        let size = a[pivot][column].abs();
+        if size.is_nan() || size <= least * scale {
             return None;
         }
         a.swap(column, pivot);
