@@ -14,12 +14,14 @@ pub struct Domain<const D: usize> {
     pub periodic: [bool; D],
     /// Row of the real particle behind each ghost, in ghost order.
     parents: Vec<u32>,
+    /// How far each ghost stands from its parent, m.
+    shifts: Vec<Vector<D>>,
 }
 
 impl<const D: usize> Domain<D> {
     /// A box from `min` to `max`, m, periodic along the axes where `periodic` says so.
     pub fn new(min: Vector<D>, max: Vector<D>, periodic: [bool; D]) -> Self {
-        Self { min, max, periodic, parents: Vec::new() }
+        Self { min, max, periodic, parents: Vec::new(), shifts: Vec::new() }
     }
 
     /// Makes the particles ready for a search of pairs up to `reach` (m): wraps them into periodic axes, marks fluid that left
@@ -29,6 +31,7 @@ impl<const D: usize> Domain<D> {
     pub fn refresh(&mut self, p: &mut Particles<D>, reach: f64) {
         p.drop_ghosts();
         self.parents.clear();
+        self.shifts.clear();
         for a in 0..p.owned() {
             if p.kind[a] == Kind::Lost {
                 continue;
@@ -62,6 +65,16 @@ impl<const D: usize> Domain<D> {
         }
     }
 
+    /// Moves the ghosts along with their parents, without wrapping or making any: for positions that changed a little since
+    /// [`refresh`](Self::refresh).
+    pub fn follow(&self, x: &mut [Vector<D>]) {
+        let owned = x.len() - self.parents.len();
+        let (real, ghosts) = x.split_at_mut(owned);
+        for (ghost, (&parent, &shift)) in ghosts.iter_mut().zip(self.parents.iter().zip(&self.shifts)) {
+            *ghost = real[parent as usize] + shift;
+        }
+    }
+
     /// The real particle that row `row` stands for: itself, or the parent of a ghost. `owned` is the number of real rows.
     #[inline(always)]
     pub fn parent(&self, row: usize, owned: usize) -> usize {
@@ -84,6 +97,7 @@ impl<const D: usize> Domain<D> {
                 if near && cell.iter().any(|&c| c != 0) {
                     p.push_ghost(a, shift);
                     self.parents.push(a as u32);
+                    self.shifts.push(shift);
                 }
                 let Some(axis) = (0..D).find(|&d| cell[d] < layers[d]) else { break };
                 cell[axis] += 1;

@@ -85,7 +85,10 @@ impl<const D: usize> Neighbors<D> {
         self.h.clone_from(&p.h);
         self.segments.resize_with(p.owned().div_ceil(BLOCK), Segment::default);
         match search {
-            Search::Direct => self.list_by(p, |a, list| all_near(p, support, a, list)),
+            Search::Direct => {
+                self.grid.starts.clear();
+                self.list_by(p, |a, list| all_near(p, support, a, list));
+            }
             Search::Grid => {
                 let mut grid = std::mem::take(&mut self.grid);
                 grid.sort(p, support * p.h_max());
@@ -109,6 +112,28 @@ impl<const D: usize> Neighbors<D> {
                 segment.ends.push(segment.list.len() as u32);
             }
         });
+    }
+
+    /// Takes the positions of now without a new search: pairs stay those of the build, their distances are today's.
+    ///
+    /// A list built with a wider support than the kernel's holds every pair until two particles have moved towards each other by
+    /// the difference.
+    pub fn follow(&mut self, p: &Particles<D>) {
+        self.x.clone_from(&p.x);
+    }
+
+    /// Appends the rows near a point to `list`: those within `support` mean smoothing lengths of `x`, m, for a point of smoothing
+    /// length `h`, m. Sees the positions of the build.
+    pub fn near_point(&self, x: Vector<D>, h: f64, support: f64, list: &mut Vec<u32>) {
+        if !self.grid.starts.is_empty() {
+            self.grid.near_point(x, h, support, list);
+        } else {
+            let within = |b: &usize| {
+                let reach = support * (0.5 * (h + self.h[*b]));
+                (x - self.x[*b]).norm_squared() <= reach * reach
+            };
+            list.extend((0..self.x.len()).filter(within).map(|b| b as u32));
+        }
     }
 
     /// Rows of the neighbours of `a`.
@@ -259,6 +284,32 @@ impl<const D: usize> Grid<D> {
             for entry in &self.entries[from..to] {
                 let reach = support * (0.5 * (h_a + entry.h));
                 if (x_a - entry.x).norm_squared() <= reach * reach && entry.row as usize != a {
+                    list.push(entry.row);
+                }
+            }
+            let Some(axis) = (0..D - 1).rev().find(|&d| row[d] < last[d]) else { break };
+            row[axis] += 1;
+            row[axis + 1..D - 1].copy_from_slice(&first[axis + 1..D - 1]);
+        }
+    }
+
+    /// Appends the rows near a point that need not lie within the grid.
+    fn near_point(&self, x: Vector<D>, h: f64, support: f64, list: &mut Vec<u32>) {
+        let cell = |d: usize| ((x[d] - self.min[d]) / self.edge).floor();
+        if (0..D).any(|d| !(-1.0..=self.cells[d] as f64).contains(&cell(d))) {
+            return;
+        }
+        let first: [usize; D] = std::array::from_fn(|d| (cell(d) - 1.0).max(0.0) as usize);
+        let last: [usize; D] = std::array::from_fn(|d| ((cell(d) + 1.0) as usize).min(self.cells[d] - 1));
+        let mut row = first;
+        loop {
+            let from = self.starts[self.index(row) as usize] as usize;
+            let mut end_of_row = row;
+            end_of_row[D - 1] = last[D - 1];
+            let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
+            for entry in &self.entries[from..to] {
+                let reach = support * (0.5 * (h + entry.h));
+                if (x - entry.x).norm_squared() <= reach * reach {
                     list.push(entry.row);
                 }
             }

@@ -1,5 +1,7 @@
 //! The methods: one file a published method, and the list of them.
 
+pub mod acoustic;
+pub mod delta_sph;
 pub mod isph_paper;
 mod list;
 mod settings;
@@ -15,6 +17,8 @@ use crate::particles::Particles;
 use crate::poisson::SolveError;
 use crate::time::{Phases, StepLimit};
 
+pub use acoustic::Acoustic;
+pub use delta_sph::{DeltaSph, DeltaSphSettings};
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
 pub use list::{MethodName, MethodSettings};
 pub use settings::{BrokenRule, Distinction, Still};

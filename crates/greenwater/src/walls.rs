@@ -1,5 +1,7 @@
 //! Wall models: what wall particles do to the fluid.
 
+pub mod dummy;
+
 use crate::kernel::Kernel;
 use crate::math::{Vector, power};
 use crate::neighbors::Neighbors;

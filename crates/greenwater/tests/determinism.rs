@@ -29,6 +29,14 @@ fn isph_gives_the_same_bits_on_any_number_of_threads() {
     }
 }
 
+#[test]
+fn delta_sph_gives_the_same_bits_on_any_number_of_threads() {
+    let one = hash_on(1, MethodName::DeltaSph, 10);
+    for threads in [2, 3] {
+        assert_eq!(hash_on(threads, MethodName::DeltaSph, 10), one, "{threads} threads");
+    }
+}
+
 /// A hash that never changed would hold of anything.
 #[test]
 fn another_step_gives_other_bits() {

@@ -117,9 +117,8 @@ impl Equation {
     /// The equation that ISPH solves in the first step at or after `time`, s.
     pub fn of(columns: u32, time: f64) -> Result<Self, BenchError> {
         let setup = dam_break(columns, MethodName::IsphPaper, None, &[])?;
-        let settings = match setup.method.clone() {
-            MethodSettings::IsphPaper(settings) => settings,
-            MethodSettings::Wcsph(_) => unreachable!("the case was asked for with isph-paper"),
+        let MethodSettings::IsphPaper(settings) = setup.method.clone() else {
+            unreachable!("the case was asked for with isph-paper");
         };
         let mut scheme = IsphPaper::new(CubicSpline, setup.medium(), settings)?;
         let (mut particles, mut domain) = (setup.particles.clone(), setup.domain());

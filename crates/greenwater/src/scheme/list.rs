@@ -4,7 +4,7 @@ use schemars::{Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
-use super::{IsphPaperSettings, Medium, Preset, Scheme, WcsphSettings};
+use super::{DeltaSphSettings, IsphPaperSettings, Medium, Preset, Scheme, WcsphSettings};
 use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
@@ -90,6 +90,8 @@ methods! {
         "explicit, weakly compressible, Lennard-Jones walls; Afanasiev, Makarchuk & Popov (2008), after Monaghan (1994)";
     IsphPaper(IsphPaperSettings), "isph-paper", "ISPH (incompressible, the paper's)",
         "a pressure equation each step, Morris walls; Afanasiev, Makarchuk & Popov (2008), after Shao & Lo (2003)";
+    DeltaSph(DeltaSphSettings), "delta-sph", "\u{3b4}-SPH (weakly compressible)",
+        "explicit, weakly compressible, density diffusion, walls that carry pressure; Marrone et al. (2011), Adami, Hu & Adams (2012)";
 }
 
 impl MethodSettings {

@@ -1,0 +1,555 @@
+//! What the weakly compressible methods of today share: walls, the free surface, shifting, and a step made of sound steps.
+//!
+//! A method brings its pair terms ([`Flux`]); this file moves the particles.
+
+mod start;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Medium, Scheme, StepError, StepReport};
+use crate::domain::Domain;
+use crate::kernel::Kernel;
+use crate::math::Vector;
+use crate::neighbors::{Neighbors, Search};
+use crate::particles::{Kind, Particles};
+use crate::physics::correction::renormalisation;
+use crate::physics::diffusion::{Diffusion, gradient_at_rest};
+use crate::physics::lattice::LatticeSums;
+use crate::physics::shifting::{pair_weight, shift, volume_pull};
+use crate::physics::state::EquationOfState;
+use crate::physics::viscosity::{Tensor, contract};
+use crate::sweep::{largest, sweep, sweep2};
+use crate::time::{Phases, StepLimit};
+use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
+
+use super::delta_sph::DeltaFlux;
+
+/// How sound is stepped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stepping {
+    /// A step follows the flow; pressure and density take as many shorter steps within it as sound asks for. Pairs, free surface
+    /// and shifting once a step (Zhang, Rezavand & Hu 2020).
+    Dual,
+    /// Every step is as short as sound asks for.
+    Single,
+}
+
+/// Pressure at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartPressure {
+    /// From the density that the case or the particle file gives.
+    Given,
+    /// `p = ρ0 g d` under the weight of the fluid above, whatever is beside it.
+    Hydrostatic,
+    /// That of a flow about to begin: zero on the free surface, the weight of the liquid on walls, harmonic in between. Liquid at
+    /// rest is hydrostatic by it, and a column without its gate starts without a burst of sound.
+    Released,
+}
+
+/// What acts against clumping where the pressure is below zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TensileControl {
+    /// Nothing: momentum is conserved to round-off.
+    None,
+    /// Inside the fluid a particle of negative pressure feels `p_b − p_a` in place of `p_b + p_a` (Sun et al. 2018).
+    Switch,
+}
+
+/// One particle of a pair, as pair terms see it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Side<const D: usize> {
+    /// Velocity, m/s.
+    pub v: Vector<D>,
+    /// Velocity in the viscous force, m/s.
+    pub u: Vector<D>,
+    /// Density, kg/m³.
+    pub density: f64,
+    /// Pressure, Pa.
+    pub pressure: f64,
+    /// Away from the free surface.
+    pub inside: bool,
+}
+
+/// Where the two particles of a pair are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Between<const D: usize> {
+    /// `x_a − x_b`, m.
+    pub x_ab: Vector<D>,
+    /// Distance, m.
+    pub r: f64,
+    /// Mean smoothing length, m.
+    pub h: f64,
+    /// `W'/r`, m⁻ᴰ⁻², on the scale where the lattice differentiates linear fields exactly.
+    pub dw: f64,
+    /// Whether `b` belongs to a wall.
+    pub wall: bool,
+}
+
+/// The pair terms of a method.
+pub(super) trait Flux<const D: usize>: Copy + Send + Sync {
+    /// The same terms for the speed of sound `sound`, m/s.
+    fn with_sound(self, sound: f64) -> Self;
+
+    /// Force of `b` on the fluid particle `a` over both masses, m/(kg s²).
+    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D>;
+
+    /// Rate of the density of the fluid particle `a` over the mass of `b`, m⁻ᴰ s⁻¹. `jump` is the part of `ρ_a − ρ_b` that
+    /// diffuses, kg/m³.
+    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64;
+}
+
+/// The pair terms there are.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum AnyFlux {
+    Delta(DeltaFlux),
+}
+
+/// Calls `$body` with `$flux` bound to the pair terms: the choice is made once, outside every loop.
+macro_rules! with_flux {
+    ($any:expr, $flux:ident => $body:expr) => {
+        match $any {
+            AnyFlux::Delta($flux) => $body,
+        }
+    };
+}
+
+/// Everything a method chooses about the shared parts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plan {
+    pub flux: AnyFlux,
+    pub state: EquationOfState,
+    /// Speed of sound over the reference speed of the case; none where `state` has its own.
+    pub sound_factor: Option<f64>,
+    pub start: StartPressure,
+    pub walls: WallPressure,
+    pub slip: WallSlip,
+    pub suction: WallSuction,
+    pub stepping: Stepping,
+    /// Share of `h/(c0 + v)` that a sound step takes.
+    pub acoustic_courant: f64,
+    /// What diffusion leaves alone.
+    pub diffusion: Diffusion,
+    /// Strength of the shift over that of Sun et al.; 0 for none.
+    pub shifting: f64,
+    /// Share of a lack of volume that is closed while the fastest fluid moves by `h`; 0 for none.
+    pub volume_control: f64,
+    pub search: Search,
+}
+
+/// Where a particle is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    /// Out of reach of the free surface.
+    Inside,
+    /// Within reach of a particle of the free surface.
+    Near,
+    /// On the free surface.
+    Surface,
+}
+
+/// What shifting does to a particle.
+#[derive(Clone, Copy, Debug)]
+struct Shift<const D: usize> {
+    /// The move, m.
+    by: Vector<D>,
+    /// Change of density that goes with it, kg/m³.
+    change: f64,
+    /// Rate of density that draws dilated fluid together, kg/(m³ s).
+    pull: f64,
+    place: Place,
+}
+
+impl<const D: usize> Shift<D> {
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Inside };
+}
+
+/// Pairs reach so much farther than the kernel, in smoothing lengths: a list lasts for one step. In a step of `0.25 h/U` the
+/// fastest particles move a quarter of `h`; two that approach each other from farther away than that have a weight below 1 % of
+/// the largest when they are missed, and are missed from both sides.
+const SKIN: f64 = 0.25;
+
+/// A weakly compressible method in sound steps; the constructors are in the files of the methods.
+///
+/// Sources: Zhang, Rezavand & Hu, J. Comput. Phys. 404 (2020) 109135 (steps); Adami, Hu & Adams, J. Comput. Phys. 231 (2012)
+/// 7057 and English et al., Comput. Part. Mech. 9 (2022) 911 (walls); Sun et al., Comput. Methods Appl. Mech. Eng. 315 (2017) 25
+/// (shifting).
+pub struct Acoustic<K, const D: usize> {
+    kernel: K,
+    medium: Medium<D>,
+    plan: Plan,
+    sums: LatticeSums,
+    near: Neighbors<D>,
+    walls: DummyWalls<D>,
+    place: Vec<Place>,
+    /// Unit normal of surface particles, out of the fluid.
+    normal: Vec<Vector<D>>,
+    /// `L_a` of each row; zero where it does not exist.
+    correction: Vec<Tensor<D>>,
+    /// Gradient of density that diffusion leaves alone, kg/m⁴.
+    gradient: Vec<Vector<D>>,
+    shifts: Vec<Shift<D>>,
+    /// Acceleration of fluid, m/s²; force on walls, N (N/m in 2D).
+    push: Vec<Vector<D>>,
+    /// Mean force on walls over the step, N (N/m in 2D).
+    wall_force: Vec<Vector<D>>,
+    /// Rate of density, kg/(m³ s).
+    rate: Vec<f64>,
+    /// Velocity at the start of the step, m/s.
+    v_before: Vec<Vector<D>>,
+}
+
+impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
+    pub(super) fn of(kernel: K, medium: Medium<D>, plan: Plan) -> Self {
+        Self {
+            kernel,
+            medium,
+            plan,
+            sums: LatticeSums::of(kernel, medium.spacing, medium.spacing),
+            near: Neighbors::new(),
+            walls: DummyWalls::new(plan.walls, plan.slip, plan.suction),
+            place: Vec::new(),
+            normal: Vec::new(),
+            correction: Vec::new(),
+            gradient: Vec::new(),
+            shifts: Vec::new(),
+            push: Vec::new(),
+            wall_force: Vec::new(),
+            rate: Vec::new(),
+            v_before: Vec::new(),
+        }
+    }
+
+    /// Pairs, for positions that may have moved far.
+    fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
+        let support = self.kernel.radius() + SKIN;
+        domain.refresh(p, support * p.h_max());
+        self.near.build(p, support, self.plan.search)?;
+        self.walls.search(self.kernel, &self.near, p, self.medium.spacing, self.kernel.radius());
+        Ok(())
+    }
+
+    /// Moves ghosts and pairs to the positions of now.
+    fn follow(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        domain.follow(&mut p.x);
+        self.near.follow(p);
+    }
+
+    /// Which particles belong to the free surface, its normal there, and `L_a`.
+    ///
+    /// A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way between the two
+    /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are as
+    /// one-sided as beside a missing one: a void is a surface, too, and shifting must not fill it.
+    fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.sums.slope * self.plan.state.rest));
+        let (threshold, gap) = (self.sums.surface_threshold(), self.sums.vacancy / self.sums.slope);
+        let rows = p.len();
+        self.place.resize(rows, Place::Inside);
+        self.normal.resize(rows, Vector::ZERO);
+        self.correction.resize(rows, [Vector::ZERO; D]);
+        let owned = p.owned();
+        let geometry = |a: usize| -> (Tensor<D>, Vector<D>) {
+            let mut moments = [Vector::ZERO; D];
+            let mut concentration = Vector::ZERO;
+            near.for_each(a, |pair| {
+                let grad_w = slope * p.mass[pair.b] * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                concentration += grad_w;
+                for (row, along) in moments.iter_mut().zip(pair.x_ab.0) {
+                    *row -= along * grad_w;
+                }
+            });
+            (moments, concentration)
+        };
+        sweep2(&mut self.correction[..owned], &mut self.normal[..owned], |a| {
+            if !p.is_fluid(a) {
+                return ([Vector::ZERO; D], Vector::ZERO);
+            }
+            let (moments, concentration) = geometry(a);
+            let trace: f64 = (0..D).map(|d| moments[d][d]).sum();
+            let length = concentration.norm();
+            // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
+            let normal = match () {
+                () if trace >= threshold * D as f64 && length * p.h[a] <= gap => Vector::ZERO,
+                () if length > 0.0 => -concentration / length,
+                () => Vector::unit(D - 1),
+            };
+            (renormalisation(&moments).unwrap_or([Vector::ZERO; D]), normal)
+        });
+        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
+            p.surface[a] = u8::from(self.normal[a] != Vector::ZERO);
+        }
+        domain.refresh_column(&mut p.surface);
+        domain.refresh_column(&mut self.normal);
+        domain.refresh_column(&mut self.correction);
+    }
+
+    /// Finds who is near the free surface, and shifts particles over a step `dt`: not those of the surface, those near it along
+    /// it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
+    fn shift(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
+        let (near, kernel, spacing) = (&self.near, self.kernel, self.medium.spacing);
+        let slope = 1.0 / (self.sums.slope * self.plan.state.rest);
+        let (normal, correction) = (&self.normal, &self.correction);
+        let owned = p.owned();
+        let (speed, Plan { shifting, volume_control, state, .. }) = (fastest(p), self.plan);
+        self.shifts.resize(owned, Shift::NONE);
+        sweep(&mut self.shifts, |a| {
+            if !p.is_fluid(a) {
+                return Shift::NONE;
+            }
+            if normal[a] != Vector::ZERO {
+                return Shift { place: Place::Surface, ..Shift::NONE };
+            }
+            let (mut concentration, mut outward, mut gradient) = (Vector::ZERO, Vector::ZERO, Vector::ZERO);
+            let whole = kernel.w(spacing, p.h[a]);
+            let mut sum = p.mass[a] / state.rest * kernel.w(0.0, p.h[a]);
+            near.for_each(a, |pair| {
+                let b = pair.b;
+                let w = kernel.w(pair.r, pair.h);
+                let grad_w = slope * p.mass[b] * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                sum += p.mass[b] / state.rest * w;
+                concentration += pair_weight(w / whole) * grad_w;
+                gradient += (p.density[b] - p.density[a]) * grad_w;
+                outward += w * normal[b];
+            });
+            let length = outward.norm();
+            let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
+            let by = shift(concentration, p.h[a], shifting * speed, dt, normal);
+            let pull = match place {
+                Place::Inside => state.rest * volume_pull(sum, p.h[a], speed, volume_control),
+                Place::Near | Place::Surface => 0.0,
+            };
+            Shift { by, change: contract(&correction[a], gradient).dot(by), pull, place }
+        });
+        self.place.resize(p.len(), Place::Inside);
+        for a in 0..owned {
+            let Shift { by, change, place, .. } = self.shifts[a];
+            self.place[a] = place;
+            if p.kind[a] == Kind::Fluid {
+                p.x[a] += by;
+                p.density[a] += change;
+            }
+        }
+        domain.refresh_column(&mut self.place);
+        domain.refresh_column(&mut p.density);
+        self.follow(p, domain);
+    }
+
+    /// Pressure of fluid by the equation of state, then of walls.
+    fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        let state = self.plan.state;
+        let owned = p.owned();
+        let (kind, density) = (&p.kind, &p.density);
+        sweep(&mut p.pressure[..owned], |a| if kind[a] == Kind::Fluid { state.pressure(density[a]) } else { 0.0 });
+        domain.refresh_column(&mut p.pressure);
+        self.walls.extrapolate(self.kernel, &self.near, p, domain, Liquid { state, gravity: self.medium.gravity });
+    }
+
+    /// Acceleration of fluid, and the force on walls, in `push`.
+    fn forces<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
+        let flux = flux.with_sound(self.plan.state.sound);
+        let (near, kernel, slope, gravity) = (&self.near, self.kernel, 1.0 / self.sums.slope, self.medium.gravity);
+        let (place, viscous) = (&self.place, if self.medium.viscosity > 0.0 { &self.walls.velocity } else { &p.v });
+        let side =
+            |a: usize| Side { v: p.v[a], u: viscous[a], density: p.density[a], pressure: p.pressure[a], inside: place[a] == Place::Inside };
+        self.push.resize(p.owned(), Vector::ZERO);
+        sweep(&mut self.push, |a| {
+            let mut sum = Vector::ZERO;
+            match p.kind[a] {
+                Kind::Fluid => {
+                    let own = side(a);
+                    near.for_each(a, |pair| {
+                        if pair.r < self.kernel.radius() * pair.h {
+                            let dw = slope * kernel.dw_over_r(pair.r, pair.h);
+                            let wall = !p.is_fluid(pair.b);
+                            let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, wall };
+                            sum += p.mass[pair.b] * flux.force(own, side(pair.b), between);
+                        }
+                    });
+                    sum + gravity
+                }
+                Kind::Wall => {
+                    let own = side(a);
+                    near.for_each(a, |pair| {
+                        if pair.r < self.kernel.radius() * pair.h && p.is_fluid(pair.b) {
+                            let dw = slope * kernel.dw_over_r(pair.r, pair.h);
+                            let between = Between { x_ab: -pair.x_ab, r: pair.r, h: pair.h, dw, wall: true };
+                            sum -= p.mass[pair.b] * flux.force(side(pair.b), own, between);
+                        }
+                    });
+                    p.mass[a] * sum
+                }
+                Kind::Lost => sum,
+            }
+        });
+    }
+
+    /// Rate of the density of fluid, in `rate`.
+    fn rates<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
+        let flux = flux.with_sound(self.plan.state.sound);
+        let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.sums.slope, &self.gradient);
+        let shifts = &self.shifts;
+        let side = |a: usize| Side { v: p.v[a], u: p.v[a], density: p.density[a], pressure: p.pressure[a], inside: true };
+        self.rate.resize(p.owned(), 0.0);
+        sweep(&mut self.rate, |a| {
+            let mut sum = 0.0;
+            if p.is_fluid(a) {
+                sum = shifts[a].pull;
+                let own = side(a);
+                near.for_each(a, |pair| {
+                    if pair.r < self.kernel.radius() * pair.h {
+                        let b = pair.b;
+                        let dw = slope * kernel.dw_over_r(pair.r, pair.h);
+                        let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, wall: !p.is_fluid(b) };
+                        let jump = crate::physics::diffusion::jump(own.density, p.density[b], gradient[a], gradient[b], pair.x_ab);
+                        sum += p.mass[b] * flux.rate(own, side(b), between, jump);
+                    }
+                });
+            }
+            sum
+        });
+    }
+
+    /// The gradient of density that diffusion leaves alone.
+    fn gradients(&mut self, p: &Particles<D>, domain: &Domain<D>) {
+        self.gradient.resize(p.len(), Vector::ZERO);
+        let (state, gravity) = (self.plan.state, self.medium.gravity);
+        let at_rest = |a: usize| gradient_at_rest(&state, gravity, p.density[a]);
+        let (near, kernel, correction) = (&self.near, self.kernel, &self.correction);
+        let slope = 1.0 / (self.sums.slope * state.rest);
+        match self.plan.diffusion {
+            Diffusion::Molteni => return,
+            Diffusion::Fourtakas => sweep(&mut self.gradient[..p.owned()], at_rest),
+            Diffusion::Antuono => sweep(&mut self.gradient[..p.owned()], |a| {
+                if !p.is_fluid(a) || correction[a] == [Vector::ZERO; D] {
+                    return at_rest(a);
+                }
+                let mut sum = Vector::ZERO;
+                near.for_each(a, |pair| {
+                    let b = pair.b;
+                    let change = p.mass[b] * (p.density[b] - p.density[a]);
+                    sum += slope * change * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
+                });
+                contract(&correction[a], sum)
+            }),
+        }
+        domain.refresh_column(&mut self.gradient);
+    }
+
+    /// One sound step of position-Verlet: half a step of positions and densities, a whole one of velocities at the middle, the
+    /// other half with the new velocities (Zhang, Rezavand & Hu 2020). `share` is its part of the whole step.
+    fn relax(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64, share: f64, phases: &mut Phases) {
+        // x^{n+1/2} = x^n + Δt/2 v^n, ρ^{n+1/2} = ρ^n + Δt/2 (dρ/dt)^n, p^{n+1/2}
+        phases.measure("motion", || {
+            self.drift(p, 0.5 * dt);
+            self.dilate(p, 0.5 * dt);
+            domain.refresh_column(&mut p.density);
+            self.follow(p, domain);
+        });
+        phases.measure("pressure", || self.pressures(p, domain));
+
+        // v^{n+1} = v^n + Δt a(x^{n+1/2}, ρ^{n+1/2}, v^n)
+        if self.medium.viscosity > 0.0 {
+            phases.measure("walls", || self.walls.mirror_velocity(self.kernel, &self.near, p, domain));
+        }
+        phases.measure("forces", || with_flux!(self.plan.flux, flux => self.forces(flux, p)));
+        for (a, push) in self.push.iter().enumerate() {
+            match p.kind[a] {
+                Kind::Fluid => p.v[a] += dt * *push,
+                Kind::Wall => self.wall_force[a] += share * *push,
+                Kind::Lost => {}
+            }
+        }
+        domain.refresh_column(&mut p.v);
+
+        // x^{n+1} = x^{n+1/2} + Δt/2 v^{n+1}, ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}
+        phases.measure("motion", || {
+            self.drift(p, 0.5 * dt);
+            self.follow(p, domain);
+        });
+        phases.measure("density", || {
+            self.gradients(p, domain);
+            with_flux!(self.plan.flux, flux => self.rates(flux, p));
+            self.dilate(p, 0.5 * dt);
+            domain.refresh_column(&mut p.density);
+        });
+    }
+
+    /// Densities over `dt` with the rates of now. A free surface bears no tension: liquid there parts instead of stretching, so
+    /// its density is never below that at rest.
+    fn dilate(&self, p: &mut Particles<D>, dt: f64) {
+        let rest = self.plan.state.rest;
+        for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
+            let density = p.density[a] + dt * self.rate[a];
+            p.density[a] = if p.surface[a] == 1 { density.max(rest) } else { density };
+        }
+    }
+
+    /// Positions over `dt` with the velocities of now.
+    fn drift(&self, p: &mut Particles<D>, dt: f64) {
+        for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
+            p.x[a] += dt * p.v[a];
+        }
+    }
+
+    /// The longest sound step, s.
+    fn sound_step(&self, p: &Particles<D>) -> f64 {
+        self.plan.acoustic_courant * p.h_min() / (self.plan.state.sound + fastest(p))
+    }
+}
+
+/// Greatest speed of fluid, m/s.
+fn fastest<const D: usize>(p: &Particles<D>) -> f64 {
+    largest(p.owned(), |a| if p.is_fluid(a) { p.v[a].norm_squared() } else { 0.0 }).max(0.0).sqrt()
+}
+
+impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
+    fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
+        self.first_state(p, domain)
+    }
+
+    /// The shortest of `C h/U`, `C √(h/a)` and `h²/(8ν)`: pairs, shift and viscosity. `U` is the greatest speed, at least a
+    /// fortieth of the speed of sound, so that a step has a score of sound steps at most. Single stepping: one sound step.
+    fn time_step(&self, p: &Particles<D>) -> StepLimit {
+        let (h, courant) = (p.h_min(), self.medium.courant);
+        let speed = fastest(p).max(self.plan.state.sound / 40.0);
+        let push = largest(p.owned(), |a| if p.is_fluid(a) { p.acceleration[a].norm_squared() } else { 0.0 }).max(0.0).sqrt();
+        let viscosity = self.medium.viscosity / self.medium.rest_density;
+        let flow = StepLimit::new(courant * h / speed, "speed")
+            .min(StepLimit::new(courant * (h / push).sqrt(), "acceleration"))
+            .min(StepLimit::new(0.125 * h * h / viscosity, "viscosity"));
+        match self.plan.stepping {
+            Stepping::Dual => flow,
+            Stepping::Single => flow.min(StepLimit::new(self.sound_step(p), "sound")),
+        }
+    }
+
+    fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
+        // (1) pairs, free surface, shift: once a step
+        phases.measure("search", || self.search(p, domain))?;
+        phases.measure("surface", || self.surface(p, domain));
+        phases.measure("shifting", || self.shift(p, domain, dt));
+
+        // (2) pressure and density in sound steps
+        self.v_before.clone_from(&p.v);
+        self.wall_force.clear();
+        self.wall_force.resize(p.owned(), Vector::ZERO);
+        let count = (dt / self.sound_step(p)).ceil().max(1.0);
+        for _ in 0..count as u64 {
+            self.relax(p, domain, dt / count, 1.0 / count, phases);
+        }
+
+        // (3) what others read
+        phases.measure("pressure", || self.pressures(p, domain));
+        for a in 0..p.owned() {
+            if p.kind[a] == Kind::Fluid {
+                p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;
+                p.density_rate[a] = self.rate[a];
+            }
+            p.force[a] = self.wall_force[a];
+        }
+        Ok(StepReport::default())
+    }
+}

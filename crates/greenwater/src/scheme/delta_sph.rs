@@ -1,0 +1,296 @@
+//! δ-SPH: weakly compressible SPH of today, with density diffusion, walls that carry pressure, and sound steps.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::acoustic::{Acoustic, AnyFlux, Between, Flux, Plan, Side, StartPressure, Stepping, TensileControl};
+use super::settings::{BrokenRule, Settings, Still};
+use super::{Medium, Preset, Scheme};
+use crate::kernel::{Kernel, KernelName};
+use crate::math::Vector;
+use crate::neighbors::Search;
+use crate::physics::diffusion::Diffusion;
+use crate::physics::pressure::{Elasticity, GAMMA};
+use crate::physics::state::{EquationOfState, PressureLaw};
+use crate::poisson::SolveError;
+use crate::walls::dummy::{WallPressure, WallSlip, WallSuction};
+
+/// Parameters of the method `delta-sph`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DeltaSphSettings {
+    /// Where the defaults come from; both presets are the same here.
+    pub preset: Preset,
+    /// How pressure follows from density.
+    pub pressure_law: PressureLaw,
+    /// Speed of sound over the reference speed, dimensionless, >= 1: 10 keeps the density within 1 % (Monaghan 1994).
+    pub sound_factor: f64,
+    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start if that is more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_speed: Option<f64>,
+    /// What density diffusion leaves alone.
+    pub diffusion: Diffusion,
+    /// Strength `δ` of density diffusion, dimensionless, >= 0.
+    pub delta: f64,
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
+    pub alpha: f64,
+    /// What acts against clumping where the pressure is below zero.
+    pub tensile_control: TensileControl,
+    /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
+    pub shifting: f64,
+    /// Share of a lack of volume inside the fluid that is closed while the fastest fluid moves by `h`, dimensionless, >= 0.
+    pub volume_control: f64,
+    /// How wall particles get their pressure.
+    pub wall_pressure: WallPressure,
+    /// How fluid slides along walls.
+    pub wall_slip: WallSlip,
+    /// Whether walls can pull.
+    pub wall_suction: WallSuction,
+    /// Pressure at the start; left out: `given` for particles from a file, else `released`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start_pressure: Option<StartPressure>,
+    /// How sound is stepped.
+    pub stepping: Stepping,
+    /// Share of `h/(c0 + v)` that a sound step takes, dimensionless, in (0, 1].
+    pub acoustic_courant: f64,
+    /// How pairs are found.
+    pub search: Search,
+}
+
+impl DeltaSphSettings {
+    /// The defaults of `preset`.
+    pub fn preset(preset: Preset) -> Self {
+        Self {
+            preset,
+            pressure_law: PressureLaw::Linear,
+            sound_factor: 10.0,
+            reference_speed: None,
+            diffusion: Diffusion::Fourtakas,
+            delta: 0.1,
+            alpha: 0.01,
+            tensile_control: TensileControl::Switch,
+            shifting: 1.0,
+            volume_control: 0.1,
+            wall_pressure: WallPressure::Adami,
+            wall_slip: WallSlip::NoSlip,
+            wall_suction: WallSuction::None,
+            start_pressure: None,
+            stepping: Stepping::Dual,
+            acoustic_courant: 0.6,
+            search: Search::Grid,
+        }
+    }
+}
+
+impl Settings for DeltaSphSettings {
+    /// `h` of 1.5 spacings: the sums of the lattice are right within 0.3 %, and three lines of wall particles fill the support.
+    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.5);
+    const STEP_COST: f64 = 2e-7;
+
+    fn preset(preset: Preset) -> Self {
+        Self::preset(preset)
+    }
+
+    fn preset_name(&self) -> Preset {
+        self.preset
+    }
+
+    fn check(&self, _reach: f64) -> Result<(), BrokenRule> {
+        BrokenRule::unless(self.sound_factor >= 1.0, "sound_factor", self.sound_factor, ">= 1")?;
+        self.reference_speed.map_or(Ok(()), |speed| BrokenRule::unless_positive("reference_speed", speed))?;
+        BrokenRule::unless_not_negative("delta", self.delta)?;
+        BrokenRule::unless_not_negative("alpha", self.alpha)?;
+        BrokenRule::unless_not_negative("shifting", self.shifting)?;
+        BrokenRule::unless_not_negative("volume_control", self.volume_control)?;
+        let share = self.acoustic_courant;
+        BrokenRule::unless(share > 0.0 && share <= 1.0, "acoustic_courant", share, "> 0 and <= 1")
+    }
+
+    fn resolve(&mut self, still: &Still) {
+        self.start_pressure.get_or_insert(if still.from_file { StartPressure::Given } else { StartPressure::Released });
+    }
+
+    fn distinctions(&self) -> Vec<(&'static str, String)> {
+        let law = match self.pressure_law {
+            PressureLaw::Linear => "p = c0\u{b2} (\u{3c1} - \u{3c1}0)",
+            PressureLaw::Tait => "equation of state (25)",
+        };
+        let speed = match self.reference_speed {
+            Some(speed) => format!("{} times {speed} m/s", self.sound_factor),
+            None => format!("{} times 2 sqrt(g H) or the greatest speed at the start", self.sound_factor),
+        };
+        let diffusion = match self.diffusion {
+            Diffusion::Fourtakas => "Fourtakas et al. (2019)",
+            Diffusion::Antuono => "Antuono et al. (2010)",
+            Diffusion::Molteni => "Molteni & Colagrossi (2009)",
+        };
+        let start = match self.start_pressure {
+            Some(StartPressure::Given) => "as given",
+            Some(StartPressure::Hydrostatic) => "under the weight of the fluid above",
+            Some(StartPressure::Released) | None => "that of a free column",
+        };
+        let walls = match self.wall_pressure {
+            WallPressure::Adami => "particles with the mean pressure of the fluid in front (Adami et al. 2012)",
+            WallPressure::GhostNodes => "particles with the pressure fitted at their mirror points (mDBC)",
+        };
+        let slip = match self.wall_slip {
+            WallSlip::NoSlip => "no slip",
+            WallSlip::FreeSlip => "free slip",
+        };
+        let stepping = match self.stepping {
+            Stepping::Dual => "position-Verlet in sound steps within a step of the flow (Zhang et al. 2020)",
+            Stepping::Single => "position-Verlet",
+        };
+        let limit = match self.stepping {
+            Stepping::Dual => "speed; sound within a step",
+            Stepping::Single => "sound speed plus speed",
+        };
+        let shifting = if self.shifting > 0.0 { "; particles shifted (Sun et al. 2017)" } else { "" };
+        vec![
+            ("compressibility", format!("weakly compressible, sound speed {speed}")),
+            ("pressure from", law.to_owned()),
+            ("density from", format!("continuity equation (22), diffusion by {diffusion}, delta = {}; at the start {start}", self.delta)),
+            ("viscosity", format!("of the fluid, and artificial, alpha = {}", self.alpha)),
+            ("time step limited by", limit.to_owned()),
+            ("time stepping", stepping.to_owned()),
+            ("walls", format!("{walls}, {slip}")),
+            ("free surface", format!("sum over neighbours below its value half-way between two rows of the lattice{shifting}")),
+            ("linear system", "none".to_owned()),
+            ("work of a step", "four sums over neighbours, and two for each sound step".to_owned()),
+        ]
+    }
+
+    fn departures(&self, _viscosity: f64, _kernel: KernelName) -> Vec<String> {
+        vec![
+            "sums over neighbours are scaled by one number, so that the lattice of the start differentiates linear fields exactly"
+                .to_owned(),
+        ]
+    }
+
+    fn time_step_rule(&self, courant: f64) -> String {
+        let sound = self.acoustic_courant;
+        match self.stepping {
+            Stepping::Dual => format!("{courant} h over the greatest speed, in sound steps of {sound} h over sound speed plus speed"),
+            Stepping::Single => format!("{sound} h over the greatest of sound speed plus speed"),
+        }
+    }
+
+    fn sound_speed(&self, g: f64, depth: f64, fastest: f64) -> f64 {
+        self.sound_factor * self.reference_speed.unwrap_or((2.0 * (g * depth).sqrt()).max(fastest))
+    }
+
+    fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
+        let sound = self.sound_speed(medium.g(), medium.depth, 0.0);
+        match self.pressure_law {
+            _ if sound == 0.0 => Elasticity::Unknown,
+            PressureLaw::Linear => Elasticity::Linear(sound),
+            PressureLaw::Tait => Elasticity::Tait(sound * sound * medium.rest_density / f64::from(GAMMA)),
+        }
+    }
+
+    fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
+        Ok(Box::new(DeltaSph::delta_sph(kernel, medium, self)))
+    }
+}
+
+/// δ-SPH with all its parts; see [`Acoustic`] for those it shares.
+///
+/// `dρ_a/dt = Σ_b m_b v_ab·∇W_ab + 2 δ h c0 Σ_b (m_b/ρ0) jump_ab x_ab·∇W_ab/r²`,
+/// `dv_a/dt = −Σ_b m_b (p_a + p_b)/ρ0² ∇W_ab + α h c0/ρ0 Σ_b m_b (v_ab·x_ab)/r² ∇W_ab + 2μ/ρ0² Σ_b m_b (W'/r) v_ab + g`.
+///
+/// A particle stands for the volume `m/ρ0` throughout. With `m/ρ` a lattice that starts uncompressed would carry the pressure
+/// `ρ0 g d (ρ/ρ0)²`, 0.5 % too much under a depth `H`; the two differ by the square of the Mach number.
+/// Every force is equal and opposite in a pair. Diffusion and artificial viscosity act between fluid particles only.
+///
+/// Sources: Antuono, Colagrossi, Marrone & Molteni, Comput. Phys. Commun. 181 (2010) 532; Marrone et al., Comput. Methods Appl.
+/// Mech. Eng. 200 (2011) 1526; Fourtakas et al., Comput. Fluids 190 (2019) 346; viscosity by Morris, Fox & Zhu (1997).
+pub type DeltaSph<K, const D: usize> = Acoustic<K, D>;
+
+impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
+    /// The method `delta-sph` for a fluid, with a kernel and checked parameters.
+    pub fn delta_sph(kernel: K, medium: Medium<D>, settings: &DeltaSphSettings) -> Self {
+        let flux = DeltaFlux {
+            delta: settings.delta,
+            alpha: settings.alpha,
+            // The speed of sound is known when the particles are.
+            sound: 0.0,
+            rest: medium.rest_density,
+            viscosity: medium.viscosity,
+            rubs: settings.wall_slip == WallSlip::NoSlip,
+            wall_pulls: settings.wall_suction == WallSuction::Full,
+            switch: settings.tensile_control == TensileControl::Switch,
+        };
+        let sound = settings.reference_speed.map(|speed| settings.sound_factor * speed);
+        Self::of(
+            kernel,
+            medium,
+            Plan {
+                flux: AnyFlux::Delta(flux),
+                state: EquationOfState { law: settings.pressure_law, sound: sound.unwrap_or_default(), rest: medium.rest_density },
+                sound_factor: if sound.is_none() { Some(settings.sound_factor) } else { None },
+                start: settings.start_pressure.unwrap_or(StartPressure::Released),
+                walls: settings.wall_pressure,
+                slip: settings.wall_slip,
+                suction: settings.wall_suction,
+                stepping: settings.stepping,
+                acoustic_courant: settings.acoustic_courant,
+                diffusion: settings.diffusion,
+                shifting: settings.shifting,
+                volume_control: settings.volume_control,
+                search: settings.search,
+            },
+        )
+    }
+}
+
+/// The pair terms of δ-SPH.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DeltaFlux {
+    /// `δ`, dimensionless.
+    pub delta: f64,
+    /// `α`, dimensionless.
+    pub alpha: f64,
+    /// `c0`, m/s.
+    pub sound: f64,
+    /// `ρ0`, kg/m³.
+    pub rest: f64,
+    /// `μ`, Pa s.
+    pub viscosity: f64,
+    /// Walls enter the viscous force.
+    pub rubs: bool,
+    /// Walls can pull.
+    pub wall_pulls: bool,
+    /// Tensile control by Sun et al. (2018).
+    pub switch: bool,
+}
+
+impl<const D: usize> Flux<D> for DeltaFlux {
+    fn with_sound(self, sound: f64) -> Self {
+        Self { sound, ..self }
+    }
+
+    #[inline(always)]
+    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
+        let pulled = self.switch && a.inside && a.pressure < 0.0;
+        let pressure = if pulled { b.pressure - a.pressure } else { b.pressure + a.pressure };
+        let mut along = if pair.wall && !self.wall_pulls { -pressure.max(0.0) } else { -pressure };
+        if !pair.wall {
+            let approach = (a.v - b.v).dot(pair.x_ab) / (pair.r * pair.r + 0.01 * pair.h * pair.h);
+            along += self.alpha * pair.h * self.sound * self.rest * approach;
+        }
+        let mut force = along * pair.x_ab;
+        if self.rubs || !pair.wall {
+            force += 2.0 * self.viscosity * (a.u - b.u);
+        }
+        pair.dw / (self.rest * self.rest) * force
+    }
+
+    #[inline(always)]
+    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
+        let mut rate = (a.v - b.v).dot(pair.x_ab);
+        if !pair.wall {
+            rate += 2.0 * self.delta * pair.h * self.sound / self.rest * jump;
+        }
+        pair.dw * rate
+    }
+}
