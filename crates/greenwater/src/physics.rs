@@ -2,7 +2,9 @@
 //!
 //! `x_ab = x_a − x_b`, `v_ab = v_a − v_b`; `∇_a W_ab = (W'/r) x_ab`, so `x_ab · ∇_a W_ab = (W'/r) r² <= 0`.
 
+pub mod arrangement;
 pub mod density;
+pub mod lattice;
 pub mod pressure;
 pub mod surface;
 pub mod viscosity;

@@ -1,5 +1,6 @@
 //! The methods: one file a published method, and the list of them.
 
+pub mod isph;
 pub mod isph_paper;
 mod list;
 mod settings;
@@ -15,6 +16,7 @@ use crate::particles::Particles;
 use crate::poisson::SolveError;
 use crate::time::{Phases, StepLimit};
 
+pub use isph::{Isph, IsphSettings, IsphShiftSettings};
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
 pub use list::{MethodName, MethodSettings};
 pub use settings::{BrokenRule, Distinction, Still};

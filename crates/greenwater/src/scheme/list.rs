@@ -4,7 +4,7 @@ use schemars::{Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
-use super::{IsphPaperSettings, Medium, Preset, Scheme, WcsphSettings};
+use super::{IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, Preset, Scheme, WcsphSettings};
 use crate::kernel::{Kernel, KernelName};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
@@ -90,6 +90,10 @@ methods! {
         "explicit, weakly compressible, Lennard-Jones walls; Afanasiev, Makarchuk & Popov (2008), after Monaghan (1994)";
     IsphPaper(IsphPaperSettings), "isph-paper", "ISPH (incompressible, the paper's)",
         "a pressure equation each step, Morris walls; Afanasiev, Makarchuk & Popov (2008), after Shao & Lo (2003)";
+    Isph(IsphSettings), "isph", "ISPH (incompressible, smooth and robust)",
+        "compact pressure equation, exact projections for velocity and density; Cummins & Rudman (1999), Nair & Tomar (2014), Bender & Koschier (2017)";
+    IsphShift(IsphShiftSettings), "isph-shift", "ISPH (incompressible, flows that fill their domain)",
+        "divergence-free ISPH with shifting and no free surface; Xu, Stansby & Laurence (2009), Lind et al. (2012)";
 }
 
 impl MethodSettings {
