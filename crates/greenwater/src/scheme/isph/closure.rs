@@ -2,7 +2,7 @@
 
 use crate::domain::Domain;
 use crate::neighbors::Neighbors;
-use crate::particles::Particles;
+use crate::particles::{Kind, Particles};
 
 /// Which parts of the fluid touch no free surface, so that their pressure has no level of its own.
 #[derive(Clone, Debug, Default)]
