@@ -119,7 +119,7 @@ impl Equation {
         let setup = dam_break(columns, MethodName::IsphPaper, None, &[])?;
         let settings = match setup.method.clone() {
             MethodSettings::IsphPaper(settings) => settings,
-            MethodSettings::Wcsph(_) => unreachable!("the case was asked for with isph-paper"),
+            _ => unreachable!("the case was asked for with isph-paper"),
         };
         let mut scheme = IsphPaper::new(CubicSpline, setup.medium(), settings)?;
         let (mut particles, mut domain) = (setup.particles.clone(), setup.domain());

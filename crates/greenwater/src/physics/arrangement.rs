@@ -130,8 +130,7 @@ impl<const D: usize> Arrangement<D> {
         // On a flat surface what is missing of the filling goes with the slope; more missing than that is foam. Neither surfaces
         // (steeper than 0.4/h) nor sheets (uneven) count.
         let steepness = h * at.slope.norm();
-        let missing_per_slope = (1.0 - l.sum_w_row0) / (h * l.slope_row[0]);
-        let deficit = 1.0 - missing_per_slope * steepness - at.filling;
+        let deficit = 1.0 - l.missing(at.slope.norm()) - at.filling;
         at.may_be_foam = ramp((0.4 - steepness) / 0.12) * ramp((evenness - 0.5) / 0.1);
         at.deficit = deficit.max(0.0) * at.may_be_foam;
         let sparse = at.spread < 0.5 * (l.spread_row[0] + l.spread_row[1]);
@@ -173,7 +172,7 @@ impl<const D: usize> Arrangement<D> {
                 self.inwards = inwards / length;
                 self.depth = (length / weight + 0.5 * l.spacing).clamp(0.5 * l.spacing, 2.5 * l.spacing);
                 // Only the slope towards the surface is the surface's doing.
-                let explained = (1.0 - l.sum_w_row0) / l.slope_row[0] * self.slope.dot(self.inwards).max(0.0);
+                let explained = l.missing(self.slope.dot(self.inwards).max(0.0));
                 self.deficit = (1.0 - explained - self.filling).max(0.0) * self.may_be_foam;
             }
         }
@@ -233,5 +232,97 @@ impl<const D: usize> Arrangement<D> {
     /// The divergence the projections may remove, 1/s: foam may collapse within a step without being resisted.
     pub fn resisted(&self, divergence: f64, dt: f64) -> f64 {
         if self.place == Place::Inside || divergence >= 0.0 { divergence } else { (divergence + 0.5 * self.deficit / dt).min(0.0) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::WendlandC2;
+    use crate::neighbors::Search;
+    use crate::particles::{Kind, Particle};
+
+    /// A disordered block of 12 by 12 on a floor of three lines, all of unit spacing; its normals.
+    fn block(jitter: f64) -> (Particles<2>, Vec<Vector<2>>) {
+        let mut state = 7u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        let (mut p, mut normals) = (Particles::new(), Vec::new());
+        for i in 0..12 {
+            for j in -3..12 {
+                let (kind, layer) = if j < 0 { (Kind::Wall, -j as u8) } else { (Kind::Fluid, 0) };
+                let noise = if j < 0 { Vector::ZERO } else { 2.0 * jitter * Vector([next(), next()]) };
+                let x = Vector([f64::from(i) + 0.5, f64::from(j) + 0.5]) + noise;
+                p.push(p.len() as u32, Particle { kind, layer, x, v: Vector::ZERO, mass: 1.0, density: 1.0, pressure: 0.0, h: 1.3 });
+                normals.push(if j < 0 { Vector([0.0, 1.0]) } else { Vector::ZERO });
+            }
+        }
+        (p, normals)
+    }
+
+    fn lattice() -> Lattice {
+        Lattice::of::<_, 2>(WendlandC2, 1.3, 1.0, 1.0)
+    }
+
+    /// Corrected differences of `p = c·x` are `c` for any arrangement with enough neighbours, although the wall gives the part of
+    /// `c` along its normal only. 1e-12: rounding of some twenty terms.
+    #[test]
+    fn corrected_differences_are_exact_for_linear_pressure() {
+        let (p, normals) = block(0.2);
+        let mut near = Neighbors::new();
+        near.build(&p, 2.0, Search::Grid).unwrap();
+        let slope = Vector([3.0, -2.0]);
+        let mut tried = 0;
+        for a in (0..p.len()).filter(|&a| p.is_fluid(a) && (2.0..10.0).contains(&p.x[a][0])) {
+            let at = Arrangement::of(WendlandC2, &lattice(), &near, &p, &normals, a);
+            let mut differences = Vector::ZERO;
+            near.for_each(a, |pair| {
+                let f = -WendlandC2.slope(pair.r);
+                let along = known_along(pair.x_ab, normals[pair.b]);
+                differences += f * slope.dot(along) * along;
+            });
+            let found = crate::math::transform(&at.correction, differences);
+            assert!((found - slope).norm() < 1e-12, "{found:?} at {:?}", p.x[a]);
+            tried += 1;
+        }
+        assert!(tried > 80, "{tried}");
+    }
+
+    impl WendlandC2 {
+        fn slope(self, r: f64) -> f64 {
+            Kernel::<2>::dw_over_r(self, r, 1.3)
+        }
+    }
+
+    /// Rows of an even block are where they are: the top one on the surface, two below it near, the rest inside; the depth is
+    /// the true one, and the pull that of a linear pressure.
+    #[test]
+    fn rows_under_a_flat_surface_know_their_depth() {
+        let (p, normals) = block(0.0);
+        let mut near = Neighbors::new();
+        near.build(&p, 2.0, Search::Grid).unwrap();
+        let mut f = PairColumn::default();
+        near.fill(&mut f, |_, pair| -WendlandC2.slope(pair.r));
+        let l = lattice();
+        let mut at: Vec<_> = (0..p.len())
+            .map(|a| if p.is_fluid(a) { Arrangement::of(WendlandC2, &l, &near, &p, &normals, a) } else { Arrangement::alone() })
+            .collect();
+        let places: Vec<_> = at.iter().map(|at| at.place).collect();
+        for a in (0..p.len()).filter(|&a| p.is_fluid(a)) {
+            at[a].look_for_surface(&l, &near, &f, &places, a);
+        }
+        for a in (0..p.len()).filter(|&a| p.is_fluid(a) && (3.0..9.0).contains(&p.x[a][0])) {
+            let row = (11.5 - p.x[a][1]).round() as usize;
+            let expected = [Place::Surface, Place::Near, Place::Near].get(row).copied().unwrap_or_default();
+            assert_eq!(at[a].place, expected, "row {row}");
+            let depth = row as f64 + 0.5;
+            // Σ 2f (p_a − p_b) of p = depth is −2 (Σ V∇W)·n: what the pull at this depth has to balance.
+            let mut sum = 0.0;
+            near.for_each(a, |pair| sum += 2.0 * WendlandC2.slope(pair.r) * pair.x_ab[1]);
+            assert!((at[a].surface_pull(&l) * depth - sum.abs()).abs() < 1e-12, "row {row}: {} {sum}", at[a].surface_pull(&l));
+            assert!(at[a].deficit < 1e-14, "row {row}");
+        }
     }
 }

@@ -19,8 +19,8 @@ pub struct Lattice {
     pub spread: f64,
     /// `Σ f r²` in rows 0 and 1, over [`spread`](Self::spread).
     pub spread_row: [f64; 2],
-    /// `Σ V W` in row 0, over [`sum_w`](Self::sum_w).
-    pub sum_w_row0: f64,
+    /// `Σ V W` in rows 0 and 1, over [`sum_w`](Self::sum_w).
+    pub sum_w_row: [f64; 2],
     /// `|Σ f x|` in rows 0 and 1, 1/m.
     pub slope_row: [f64; 2],
     /// `|Σ f x|` along the surface's normal in row 0 where walls that stand out of the surface meet: one wall in 2D, two in 3D; 1/m.
@@ -42,7 +42,7 @@ impl Lattice {
             diagonal: 0.0,
             spread: 0.0,
             spread_row: [0.0; 2],
-            sum_w_row0: 0.0,
+            sum_w_row: [0.0; 2],
             slope_row: [0.0; 2],
             slope_corner: 0.0,
             w_spacing: kernel.w(spacing, h),
@@ -58,8 +58,10 @@ impl Lattice {
             let (r, up) = (x.norm(), cell[D - 1]);
             let w = volume * kernel.w(r, h);
             l.sum_w += w;
-            if up <= 0 {
-                l.sum_w_row0 += w;
+            for row in 0..2 {
+                if up <= row as i64 {
+                    l.sum_w_row[row] += w;
+                }
             }
             if r == 0.0 {
                 continue;
@@ -78,9 +80,17 @@ impl Lattice {
                 l.slope_corner += f * x[D - 1];
             }
         }
-        l.sum_w_row0 /= l.sum_w;
+        l.sum_w_row = l.sum_w_row.map(|row| row / l.sum_w);
         l.spread_row = l.spread_row.map(|row| row / l.spread);
         l
+    }
+
+    /// What a surface makes missing of `Σ V W` where it makes a slope of `slope`, 1/m; over the whole, dimensionless. Exact in rows 0
+    /// and 1, none inside; between them the ratio of both goes with the slope.
+    pub fn missing(&self, slope: f64) -> f64 {
+        let ratio = [0, 1].map(|row| (1.0 - self.sum_w_row[row]) / self.slope_row[row]);
+        let share = ((slope - self.slope_row[1]) / (self.slope_row[0] - self.slope_row[1])).clamp(0.0, 1.0);
+        slope * (ratio[1] + share * (ratio[0] - ratio[1]))
     }
 }
 
@@ -93,11 +103,14 @@ mod tests {
     #[test]
     fn rows_under_a_flat_surface_have_their_known_sums() {
         let wendland = Lattice::of::<_, 2>(WendlandC2, 1.3, 1.0, 1e3);
-        assert!((wendland.sum_w_row0 - 0.786).abs() < 2e-3, "{wendland:?}");
+        assert!((wendland.sum_w_row[0] - 0.786).abs() < 2e-3, "{wendland:?}");
         assert!((wendland.spread_row[0] - 0.625).abs() < 1e-2 && (wendland.spread_row[1] - 0.935).abs() < 1e-2, "{wendland:?}");
         assert!((1.3 * wendland.slope_row[0] - 0.59).abs() < 5e-3 && (1.3 * wendland.slope_row[1] - 0.045).abs() < 5e-3, "{wendland:?}");
+        for row in 0..2 {
+            assert!((wendland.missing(wendland.slope_row[row]) - (1.0 - wendland.sum_w_row[row])).abs() < 1e-15, "row {row}");
+        }
         let cubic = Lattice::of::<_, 2>(CubicSpline, 1.2, 1.0, 1e3);
-        assert!((cubic.sum_w_row0 - 0.785).abs() < 2e-3, "{cubic:?}");
+        assert!((cubic.sum_w_row[0] - 0.785).abs() < 2e-3, "{cubic:?}");
     }
 
     #[test]

@@ -501,7 +501,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
                 total += w * (self.pressure[pair.b] + self.medium.rest_density * self.answer[a].dot(pair.x_ab));
             }
         });
-        let flat_wall = 1.0 - self.lattice.sum_w_row0;
+        let flat_wall = 1.0 - self.lattice.sum_w_row[0];
         let wet = weight * self.medium.spacing_volume() / (0.5 * flat_wall);
         if weight > 0.0 { total / weight * wet.min(1.0) } else { 0.0 }
     }

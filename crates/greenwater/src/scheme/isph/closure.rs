@@ -17,7 +17,14 @@ pub(super) struct Closure {
 
 impl Closure {
     /// Finds the parts of the fluid that touch no surface; whether there are any. `whole`: all fluid is one of them.
-    pub(super) fn find<const D: usize>(&mut self, p: &Particles<D>, domain: &Domain<D>, near: &Neighbors<D>, pull: &[f64], whole: bool) -> bool {
+    pub(super) fn find<const D: usize>(
+        &mut self,
+        p: &Particles<D>,
+        domain: &Domain<D>,
+        near: &Neighbors<D>,
+        pull: &[f64],
+        whole: bool,
+    ) -> bool {
         const OPEN: u32 = u32::MAX;
         let owned = p.owned();
         self.part.clear();
