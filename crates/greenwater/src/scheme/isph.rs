@@ -616,10 +616,10 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
             .min(StepLimit::new(0.5 * c * h * h / nu, "viscosity"))
             .min(StepLimit::new(c * (h / pushed).sqrt(), "walls"));
         match self.dt_before {
+            // Nothing moves and nothing pushes: any step will do, and the one before most of all.
+            before if limit.dt == f64::INFINITY => StepLimit::new(before.unwrap_or(c * h), "rest"),
             Some(before) if limit.dt > 1.2 * before => StepLimit::new(1.2 * before, "growth"),
             Some(before) if limit.dt < 0.5 * before => StepLimit::new(0.5 * before, "shrinkage"),
-            // Nothing moves and nothing pushes: any step will do.
-            None if limit.dt == f64::INFINITY => StepLimit::new(c * h, "rest"),
             _ => limit,
         }
     }
