@@ -121,9 +121,9 @@ impl<const D: usize> Arrangement<D> {
             }
             certainty = smallest_eigenvalue(&moment) / (l.spread / D as f64);
         }
-        // A flat surface has 0.49 and its corner with a wall 0.37: these must be exact. Below 0.15 the inverse would magnify what few
-        // neighbours say seven times.
-        let trust = ramp((certainty - 0.15) / 0.15);
+        // A flat surface has 0.49, where it meets a wall 0.37, where it meets two 0.28: these must be exact. The ramp keeps what few
+        // neighbours say from being magnified more than four times.
+        let trust = ramp((certainty - 0.1) / 0.15);
         if let Some(inverse) = inverse(&moment).filter(|_| trust > 0.0) {
             at.correction = std::array::from_fn(|i| trust * inverse[i] + (1.0 - trust) * Vector::unit(i));
         }
