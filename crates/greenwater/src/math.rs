@@ -197,7 +197,7 @@ pub fn inverse<const D: usize>(m: &Matrix<D>) -> Option<Matrix<D>> {
     };
     let determinant: f64 = (0..D).map(|j| m[0][j] * cofactor(0, j)).sum();
     let scale = (0..D).fold(1.0, |product, _| product * size);
-    if !(determinant.abs() > 1e-9 * scale) {
+    if determinant.is_nan() || determinant.abs() <= 1e-9 * scale {
         return None;
     }
     Some(std::array::from_fn(|i| Vector(std::array::from_fn(|j| cofactor(j, i) / determinant))))

@@ -35,12 +35,12 @@ pub fn iterate(
     let mut rz = dot(&work.r, &work.z);
     let target = tolerance * tolerance * rz;
     for done in 0..iterations {
-        if !(rz > target && rz > 1e-30) {
+        if rz.is_nan() || rz <= target.max(1e-30) {
             return done;
         }
         apply(&work.q, &mut work.aq);
         let curvature = dot(&work.q, &work.aq);
-        if !(curvature > 0.0) {
+        if curvature.is_nan() || curvature <= 0.0 {
             return done;
         }
         let step = rz / curvature;

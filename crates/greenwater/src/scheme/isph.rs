@@ -37,6 +37,11 @@ pub use settings::{FreeSurface, IsphSettings, IsphShiftSettings, WallFriction};
 /// projection), Skillen et al. (2013) (shifting), Bonet & Lok (1999) (corrected gradient).
 pub struct Isph<K, const D: usize> {
     kernel: K,
+    flow: Flow<D>,
+}
+
+/// All of the method that needs no kernel, once its sums over neighbours are there: compiled once for all kernels.
+struct Flow<const D: usize> {
     medium: Medium<D>,
     settings: IsphSettings,
     lattice: Lattice,
@@ -88,8 +93,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
     /// # Errors
     /// Solver settings that contradict each other.
     pub fn new(kernel: K, medium: Medium<D>, settings: IsphSettings) -> Result<Self, SolveError> {
-        Ok(Self {
-            kernel,
+        let flow = Flow {
             medium,
             // Of the particles' own smoothing length from the start on.
             lattice: Lattice::of(kernel, medium.spacing, medium.spacing, medium.rest_density),
@@ -119,32 +123,29 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             normals: Vec::new(),
             first_line: Vec::new(),
             dt_before: None,
-        })
-    }
-
-    /// The greatest speed that counts for steps and viscosity, m/s: of fluid and walls, at least `sqrt(g H)`.
-    fn speed(&self, p: &Particles<D>) -> f64 {
-        let fastest = largest(p.owned(), |a| p.v[a].norm_squared()).max(0.0).sqrt();
-        fastest.max((self.medium.g() * self.medium.depth).sqrt())
+        };
+        Ok(Self { kernel, flow })
     }
 
     /// Ghosts, pairs, `f` of each pair, and what they say about each particle.
     fn look_around(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         domain.refresh(p, K::RADIUS * p.h_max());
-        self.near.build(p, K::RADIUS, self.settings.search)?;
-        let (kernel, rest, owned) = (self.kernel, self.medium.rest_density, p.owned());
+        self.flow.near.build(p, K::RADIUS, self.flow.settings.search)?;
+        let (kernel, rest, owned) = (self.kernel, self.flow.medium.rest_density, p.owned());
+        let flow = &mut self.flow;
         let half_over_rest = 0.5 / rest;
-        let (near, f) = (&self.near, &mut self.f);
+        let (near, f) = (&flow.near, &mut flow.f);
         near.fill(f, |a, pair| -half_over_rest * (p.mass[a] + p.mass[pair.b]) * kernel.dw_over_r(pair.r, pair.h));
-        self.look_at_walls(p, domain);
-        let (near, lattice, normals) = (&self.near, &self.lattice, &self.normals);
-        self.at.resize(owned, Arrangement::alone());
-        self.places.resize(p.len(), Place::Inside);
-        sweep(&mut self.at, |a| if p.is_fluid(a) { Arrangement::of(kernel, lattice, near, p, normals, a) } else { Arrangement::alone() });
-        if self.settings.free_surface == FreeSurface::None {
-            self.at.iter_mut().for_each(|at| at.place = Place::Inside);
+        let first = flow.walls_turn(p).then(|| wall_normals(kernel, &flow.near, p));
+        flow.look_at_walls(p, domain, first.as_deref());
+        let (near, lattice, normals) = (&flow.near, &flow.lattice, &flow.normals);
+        flow.at.resize(owned, Arrangement::alone());
+        flow.places.resize(p.len(), Place::Inside);
+        sweep(&mut flow.at, |a| if p.is_fluid(a) { Arrangement::of(kernel, lattice, near, p, normals, a) } else { Arrangement::alone() });
+        if flow.settings.free_surface == FreeSurface::None {
+            flow.at.iter_mut().for_each(|at| at.place = Place::Inside);
         } else {
-            let (at, places, f) = (&mut self.at, &mut self.places, &self.f);
+            let (at, places, f) = (&mut flow.at, &mut flow.places, &flow.f);
             sweep(&mut places[..owned], |a| at[a].place);
             domain.refresh_column(places);
             update(at, |a, at| {
@@ -153,26 +154,35 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
                 }
             });
         }
-        let at = &self.at;
+        let at = &flow.at;
         sweep2(&mut p.density[..owned], &mut p.surface[..owned], |a| (rest * at[a].filling, u8::from(at[a].place == Place::Surface)));
         Ok(())
     }
+}
 
-    /// Normals of walls that turn with them, and `g − a` of all.
-    fn look_at_walls(&mut self, p: &Particles<D>, domain: &Domain<D>) {
+impl<const D: usize> Flow<D> {
+    /// The greatest speed that counts for steps and viscosity, m/s: of fluid and walls, at least `sqrt(g H)`.
+    fn speed(&self, p: &Particles<D>) -> f64 {
+        let fastest = largest(p.owned(), |a| p.v[a].norm_squared()).max(0.0).sqrt();
+        fastest.max((self.medium.g() * self.medium.depth).sqrt())
+    }
+
+    /// Whether normals of walls are needed: at the start, and while walls move.
+    fn walls_turn(&self, p: &Particles<D>) -> bool {
+        self.first_line.len() != p.owned() || (0..p.owned()).any(|a| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO)
+    }
+
+    /// Normals of walls from those of the first line where there are new ones, and `g − a` of all.
+    fn look_at_walls(&mut self, p: &Particles<D>, domain: &Domain<D>, first: Option<&[Vector<D>]>) {
         let owned = p.owned();
-        let first_time = self.first_line.len() != owned;
-        if first_time {
+        if self.first_line.len() != owned {
             self.first_line = first_line_parents(&self.near, p);
         }
-        let moving = |a: usize| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO;
-        if first_time || (0..owned).any(moving) {
-            let first = wall_normals(self.kernel, &self.near, p);
-            self.normals.resize(p.len(), Vector::ZERO);
+        self.normals.resize(p.len(), Vector::ZERO);
+        if let Some(first) = first {
             let first_line = &self.first_line;
             sweep(&mut self.normals[..owned], |a| first[first_line[a] as usize]);
         }
-        self.normals.resize(p.len(), Vector::ZERO);
         domain.refresh_column(&mut self.normals);
         self.answer.resize(p.len(), Vector::ZERO);
         let gravity = self.medium.gravity;
@@ -490,20 +500,19 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         moved
     }
 
-    /// Pressure of first-line wall particle `a`, Pa: `Σ (p_b + ρ (g − a_w)·(x_w − x_b)) W/Σ W` over fluid (Adami, Hu & Adams
+    /// Pressure of first-line wall particle `a`, Pa: `Σ (p_b + ρ (g − a_w)·(x_w − x_b)) f/Σ f` over fluid (after Adami, Hu & Adams
     /// 2012), less where less than half the fluid of a flat wall is in reach.
     fn wall_pressure(&self, p: &Particles<D>, a: usize) -> f64 {
-        let (mut weight, mut total) = (0.0, 0.0);
-        self.near.for_each(a, |pair| {
-            if p.is_fluid(pair.b) {
-                let w = self.kernel.w(pair.r, pair.h);
-                weight += w;
-                total += w * (self.pressure[pair.b] + self.medium.rest_density * self.answer[a].dot(pair.x_ab));
+        let (mut weight, mut total, mut spread) = (0.0, 0.0, 0.0);
+        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+            if p.is_fluid(b) {
+                weight += f;
+                spread += f * x_ab.norm_squared();
+                total += f * (self.pressure[b] + self.medium.rest_density * self.answer[a].dot(x_ab));
             }
         });
-        let flat_wall = 1.0 - self.lattice.sum_w_row[0];
-        let wet = weight * self.medium.spacing_volume() / (0.5 * flat_wall);
-        if weight > 0.0 { total / weight * wet.min(1.0) } else { 0.0 }
+        let flat_wall = (1.0 - self.lattice.spread_row[0]) * self.lattice.spread;
+        if weight > 0.0 { total / weight * (spread / (0.5 * flat_wall)).min(1.0) } else { 0.0 }
     }
 
     /// Pressure of wall rows for output: the first line from the fluid, the others from the first one with the weight between.
@@ -589,9 +598,25 @@ fn capped<const D: usize>(v: Vector<D>, most: f64) -> Vector<D> {
 impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
     /// Density, surface and pressure of the initial state: the pressure that the first step will find.
     fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
-        self.dt_before = None;
-        self.lattice = Lattice::of(self.kernel, p.h_max(), self.medium.spacing, self.medium.rest_density);
+        self.flow.dt_before = None;
+        self.flow.lattice = Lattice::of(self.kernel, p.h_max(), self.flow.medium.spacing, self.flow.medium.rest_density);
         self.look_around(p, domain)?;
+        self.flow.start(p, domain)
+    }
+
+    fn time_step(&self, p: &Particles<D>) -> StepLimit {
+        self.flow.time_step(p)
+    }
+
+    fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
+        phases.measure("search", || self.look_around(p, domain))?;
+        self.flow.step(p, domain, dt, phases)
+    }
+}
+
+impl<const D: usize> Flow<D> {
+    /// Pressure, walls and accelerations of the initial state.
+    fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         let dt = self.time_step(p).dt;
         self.predict(p, dt);
         self.assemble(p, domain);
@@ -624,9 +649,9 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
         }
     }
 
+    /// A step, once the sums over neighbours are there.
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
         let owned = p.owned();
-        phases.measure("search", || self.look_around(p, domain))?;
 
         // (1) v* = v + Δt (g + viscosity), walls v + Δt (g − a)
         phases.measure("prediction", || self.predict(p, dt));
@@ -661,9 +686,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
         self.dt_before = Some(dt);
         Ok(report)
     }
-}
 
-impl<K: Kernel<D>, const D: usize> Isph<K, D> {
     /// (1): the velocity without pressure, in `self.v`; friction of walls in `p.force`.
     fn predict(&mut self, p: &mut Particles<D>, dt: f64) {
         let (owned, speed) = (p.owned(), self.speed(p));
