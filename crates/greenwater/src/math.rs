@@ -165,6 +165,72 @@ impl<'de, const D: usize> Deserialize<'de> for Vector<D> {
     }
 }
 
+/// A square matrix; row `i` is `m[i]`.
+pub type Matrix<const D: usize> = [Vector<D>; D];
+
+/// `M v`.
+#[inline(always)]
+pub fn transform<const D: usize>(m: &Matrix<D>, v: Vector<D>) -> Vector<D> {
+    Vector(std::array::from_fn(|i| m[i].dot(v)))
+}
+
+/// The identity matrix.
+pub fn identity<const D: usize>() -> Matrix<D> {
+    std::array::from_fn(Vector::unit)
+}
+
+/// The inverse of `m` by cofactors, in one to three dimensions; `None` where the determinant is below 1e-9 of what entries of that
+/// size can make, beyond which nothing but rounding is left of the gradients that are corrected with it.
+pub fn inverse<const D: usize>(m: &Matrix<D>) -> Option<Matrix<D>> {
+    let size = m.iter().flat_map(|row| row.0).fold(0.0, |most: f64, entry| most.max(entry.abs()));
+    // Cofactor of entry (i, j), signs included.
+    let cofactor = |i: usize, j: usize| match D {
+        1 => 1.0,
+        2 => {
+            let sign = if i == j { 1.0 } else { -1.0 };
+            sign * m[1 - i][1 - j]
+        }
+        _ => {
+            let (i1, i2, j1, j2) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
+            m[i1][j1] * m[i2][j2] - m[i1][j2] * m[i2][j1]
+        }
+    };
+    let determinant: f64 = (0..D).map(|j| m[0][j] * cofactor(0, j)).sum();
+    let scale = (0..D).fold(1.0, |product, _| product * size);
+    if determinant.is_nan() || determinant.abs() <= 1e-9 * scale {
+        return None;
+    }
+    Some(std::array::from_fn(|i| Vector(std::array::from_fn(|j| cofactor(j, i) / determinant))))
+}
+
+/// The smallest eigenvalue of the symmetric matrix `m` in one to three dimensions, in closed form (Smith 1961 for three).
+pub fn smallest_eigenvalue<const D: usize>(m: &Matrix<D>) -> f64 {
+    let trace: f64 = (0..D).map(|i| m[i][i]).sum();
+    let mean = trace / D as f64;
+    let mut deviation = *m;
+    for i in 0..D {
+        deviation[i][i] -= mean;
+    }
+    // Half the square of the deviation's norm is (l1 - mean)² in 2D; a sixth of it is the square of the radius in 3D.
+    let square: f64 = deviation.iter().map(|row| row.norm_squared()).sum();
+    match D {
+        1 => mean,
+        2 => mean - (0.5 * square).sqrt(),
+        _ => {
+            let radius = (square / 6.0).sqrt();
+            if radius <= 1e-12 * mean.abs() {
+                return mean;
+            }
+            let b = deviation.map(|row| row / radius);
+            let half_determinant = 0.5
+                * (b[0][0] * (b[1][1] * b[2][2] - b[1][2] * b[2][1]) - b[0][1] * (b[1][0] * b[2][2] - b[1][2] * b[2][0])
+                    + b[0][2] * (b[1][0] * b[2][1] - b[1][1] * b[2][0]));
+            let angle = half_determinant.clamp(-1.0, 1.0).acos() / 3.0;
+            mean + 2.0 * radius * (angle + 2.0 * std::f64::consts::PI / 3.0).cos()
+        }
+    }
+}
+
 /// The cube of `x`, as products (`powi` may round differently from build to build).
 #[inline(always)]
 pub(crate) fn cube(x: f64) -> f64 {
@@ -197,6 +263,37 @@ mod tests {
         assert_eq!(a.dot(b), 12.0);
         assert_eq!((2.0 * a) / 2.0, a);
         assert_eq!(Vector([3.0, 4.0]).norm(), 5.0);
+    }
+
+    /// Each matrix is `R diag R^T` with a known rotation, so its eigenvalues are the entries of the diagonal.
+    #[test]
+    fn the_smallest_eigenvalue_of_a_turned_diagonal_is_its_smallest_entry() {
+        let (c, s) = (0.6, 0.8);
+        let flat = [Vector([2.0 * c * c + 5.0 * s * s, -3.0 * c * s]), Vector([-3.0 * c * s, 2.0 * s * s + 5.0 * c * c])];
+        assert!((smallest_eigenvalue(&flat) - 2.0).abs() < 1e-14);
+        for (third, smallest) in [(7.0, 2.0), (0.25, 0.25), (2.0, 2.0), (-1.0, -1.0)] {
+            let solid = [Vector([flat[0][0], flat[0][1], 0.0]), Vector([flat[1][0], flat[1][1], 0.0]), Vector([0.0, 0.0, third])];
+            // 1e-7: the root of a double eigenvalue loses half the digits.
+            assert!((smallest_eigenvalue(&solid) - smallest).abs() < 1e-7, "{third}");
+        }
+        assert_eq!(smallest_eigenvalue(&identity::<3>()), 1.0);
+    }
+
+    #[test]
+    fn a_matrix_times_its_inverse_is_the_identity() {
+        fn check<const D: usize>(m: Matrix<D>) {
+            let inverse = inverse(&m).unwrap();
+            for i in 0..D {
+                let column = transform(&m, transform(&inverse, Vector::unit(i)));
+                // 1e-14: a handful of products of numbers of order one.
+                assert!((column - Vector::unit(i)).norm() < 1e-14, "{column:?}");
+            }
+        }
+        check([Vector([3.0])]);
+        check([Vector([2.0, 1.0]), Vector([-1.0, 3.0])]);
+        check([Vector([2.0, 1.0, 0.5]), Vector([-1.0, 3.0, 0.25]), Vector([0.0, 1.0, 4.0])]);
+        assert_eq!(inverse(&[Vector([1.0, 2.0]), Vector([2.0, 4.0])]), None);
+        assert_eq!(inverse(&[Vector::<3>::ZERO; 3]), None);
     }
 
     #[test]

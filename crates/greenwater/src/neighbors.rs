@@ -67,6 +67,19 @@ struct Segment {
     list: Vec<u32>,
 }
 
+/// A value for every listed pair, in the order of the lists: what many sums need and one sweep computes.
+#[derive(Clone, Debug, Default)]
+pub struct PairColumn {
+    segments: Vec<Vec<f64>>,
+}
+
+impl PairColumn {
+    /// Memory held, bytes.
+    pub fn bytes(&self) -> usize {
+        self.segments.iter().map(|segment| 8 * segment.capacity()).sum()
+    }
+}
+
 impl<const D: usize> Neighbors<D> {
     /// No pairs yet.
     pub fn new() -> Self {
@@ -159,6 +172,34 @@ impl<const D: usize> Neighbors<D> {
     #[inline(always)]
     pub fn x(&self, a: usize) -> Vector<D> {
         self.x[a]
+    }
+
+    /// Sets `column` to `value(a, pair)` for every pair of these lists. Nothing is allocated once it has grown to their size.
+    pub fn fill(&self, column: &mut PairColumn, value: impl Fn(usize, &Pair<D>) -> f64 + Sync) {
+        column.segments.resize_with(self.segments.len(), Vec::new);
+        let blocks = column.segments.par_iter_mut().zip(&self.segments).enumerate();
+        blocks.for_each(|(block, (values, segment))| {
+            values.clear();
+            for i in 0..segment.ends.len() {
+                let a = block * BLOCK + i;
+                self.for_each(a, |pair| values.push(value(a, &pair)));
+            }
+        });
+    }
+
+    /// Calls `each(b, x_ab, value)` with every neighbour of `a` in the order of [`for_each`](Self::for_each), `value` from a
+    /// column that was [filled](Self::fill) from these lists.
+    #[inline(always)]
+    pub fn for_each_with(&self, a: usize, column: &PairColumn, mut each: impl FnMut(usize, Vector<D>, f64)) {
+        let (block, i) = (a / BLOCK, a % BLOCK);
+        let segment = &self.segments[block];
+        let start = if i == 0 { 0 } else { segment.ends[i - 1] } as usize;
+        let end = segment.ends[i] as usize;
+        let x_a = self.x[a];
+        for (&b, &value) in segment.list[start..end].iter().zip(&column.segments[block][start..end]) {
+            let b = b as usize;
+            each(b, x_a - self.x[b], value);
+        }
     }
 
     /// Smoothing length of particle `a`, m, as it was at the build.

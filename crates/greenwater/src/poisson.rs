@@ -11,6 +11,7 @@ mod csr;
 mod dense;
 mod krylov;
 mod preconditioner;
+pub mod projection;
 mod report;
 mod settings;
 mod solver;

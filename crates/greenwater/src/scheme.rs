@@ -2,6 +2,7 @@
 
 pub mod acoustic;
 pub mod delta_sph;
+pub mod isph;
 pub mod isph_paper;
 mod list;
 mod settings;
@@ -19,6 +20,7 @@ use crate::time::{Phases, StepLimit};
 
 pub use acoustic::Acoustic;
 pub use delta_sph::{DeltaSph, DeltaSphSettings};
+pub use isph::{Isph, IsphSettings, IsphShiftSettings};
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
 pub use list::{MethodName, MethodSettings};
 pub use settings::{BrokenRule, Distinction, Still};

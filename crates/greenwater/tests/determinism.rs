@@ -14,18 +14,12 @@ fn hash_on(threads: usize, method: MethodName, steps: usize) -> u64 {
 }
 
 #[test]
-fn wcsph_gives_the_same_bits_on_any_number_of_threads() {
-    let one = hash_on(1, MethodName::Wcsph, 50);
-    for threads in [2, 3] {
-        assert_eq!(hash_on(threads, MethodName::Wcsph, 50), one, "{threads} threads");
-    }
-}
-
-#[test]
-fn isph_gives_the_same_bits_on_any_number_of_threads() {
-    let one = hash_on(1, MethodName::IsphPaper, 50);
-    for threads in [2, 3] {
-        assert_eq!(hash_on(threads, MethodName::IsphPaper, 50), one, "{threads} threads");
+fn every_method_gives_the_same_bits_on_any_number_of_threads() {
+    for &method in MethodName::ALL {
+        let one = hash_on(1, method, 20);
+        for threads in [2, 3] {
+            assert_eq!(hash_on(threads, method, 20), one, "{}, {threads} threads", method.name());
+        }
     }
 }
 

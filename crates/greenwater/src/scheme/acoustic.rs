@@ -15,7 +15,7 @@ use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
-use crate::physics::lattice::LatticeSums;
+use crate::physics::lattice::Lattice;
 use crate::physics::shifting::{pair_weight, shift, volume_pull};
 use crate::physics::state::EquationOfState;
 use crate::physics::viscosity::{Tensor, contract};
@@ -181,7 +181,7 @@ pub struct Acoustic<K, const D: usize> {
     kernel: K,
     medium: Medium<D>,
     plan: Plan,
-    sums: LatticeSums,
+    lattice: Lattice,
     near: Neighbors<D>,
     walls: DummyWalls<D>,
     place: Vec<Place>,
@@ -208,7 +208,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             kernel,
             medium,
             plan,
-            sums: LatticeSums::of(kernel, medium.spacing, medium.spacing),
+            lattice: Lattice::of(kernel, medium.spacing, medium.spacing, medium.rest_density),
             near: Neighbors::new(),
             walls: DummyWalls::new(plan.walls, plan.slip, plan.suction),
             place: Vec::new(),
@@ -244,8 +244,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are as
     /// one-sided as beside a missing one: a void is a surface, too, and shifting must not fill it.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.sums.slope * self.plan.state.rest));
-        let (threshold, gap) = (self.sums.surface_threshold(), self.sums.vacancy / self.sums.slope);
+        let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest));
+        let (threshold, gap) =
+            (self.lattice.surface_threshold(), p.h_max() * self.lattice.slope_vacancy / self.lattice.slope_of_linear::<D>());
         let rows = p.len();
         self.place.resize(rows, Place::Inside);
         self.normal.resize(rows, Vector::ZERO);
@@ -290,7 +291,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
     fn shift(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (near, kernel, spacing) = (&self.near, self.kernel, self.medium.spacing);
-        let slope = 1.0 / (self.sums.slope * self.plan.state.rest);
+        let slope = 1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest);
         let (normal, correction) = (&self.normal, &self.correction);
         let owned = p.owned();
         let (speed, Plan { shifting, volume_control, state, .. }) = (fastest(p), self.plan);
@@ -350,7 +351,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Acceleration of fluid, and the force on walls, in `push`.
     fn forces<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
         let flux = flux.with_sound(self.plan.state.sound);
-        let (near, kernel, slope, gravity) = (&self.near, self.kernel, 1.0 / self.sums.slope, self.medium.gravity);
+        let (near, kernel, slope, gravity) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), self.medium.gravity);
         let (place, viscous) = (&self.place, if self.medium.viscosity > 0.0 { &self.walls.velocity } else { &p.v });
         let side =
             |a: usize| Side { v: p.v[a], u: viscous[a], density: p.density[a], pressure: p.pressure[a], inside: place[a] == Place::Inside };
@@ -389,7 +390,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Rate of the density of fluid, in `rate`.
     fn rates<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
         let flux = flux.with_sound(self.plan.state.sound);
-        let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.sums.slope, &self.gradient);
+        let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), &self.gradient);
         let shifts = &self.shifts;
         let side = |a: usize| Side { v: p.v[a], u: p.v[a], density: p.density[a], pressure: p.pressure[a], inside: true };
         self.rate.resize(p.owned(), 0.0);
@@ -418,7 +419,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let (state, gravity) = (self.plan.state, self.medium.gravity);
         let at_rest = |a: usize| gradient_at_rest(&state, gravity, p.density[a]);
         let (near, kernel, correction) = (&self.near, self.kernel, &self.correction);
-        let slope = 1.0 / (self.sums.slope * state.rest);
+        let slope = 1.0 / (self.lattice.slope_of_linear::<D>() * state.rest);
         match self.plan.diffusion {
             Diffusion::Molteni => return,
             Diffusion::Fourtakas => sweep(&mut self.gradient[..p.owned()], at_rest),

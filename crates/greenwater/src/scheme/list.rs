@@ -4,7 +4,7 @@ use schemars::{Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
-use super::{DeltaSphSettings, IsphPaperSettings, Medium, Preset, Scheme, WcsphSettings};
+use super::{DeltaSphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, Preset, Scheme, WcsphSettings};
 use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
@@ -92,6 +92,10 @@ methods! {
         "a pressure equation each step, Morris walls; Afanasiev, Makarchuk & Popov (2008), after Shao & Lo (2003)";
     DeltaSph(DeltaSphSettings), "delta-sph", "\u{3b4}-SPH (weakly compressible)",
         "explicit, weakly compressible, density diffusion, walls that carry pressure; Marrone et al. (2011), Adami, Hu & Adams (2012)";
+    Isph(IsphSettings), "isph", "ISPH (incompressible, smooth and robust)",
+        "compact pressure equation, exact projections for velocity and density; Cummins & Rudman (1999), Nair & Tomar (2014), Bender & Koschier (2017)";
+    IsphShift(IsphShiftSettings), "isph-shift", "ISPH (incompressible, flows that fill their domain)",
+        "divergence-free ISPH with shifting and no free surface; Xu, Stansby & Laurence (2009), Lind et al. (2012)";
 }
 
 impl MethodSettings {

@@ -5,7 +5,7 @@ use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
-use crate::physics::lattice::LatticeSums;
+use crate::physics::lattice::Lattice;
 use crate::reduce::dot;
 use crate::scheme::{Medium, StepError};
 use crate::sweep::sweep;
@@ -29,7 +29,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         if let Some(factor) = self.plan.sound_factor {
             self.plan.state.sound = factor * reference_speed(&self.medium, p);
         }
-        self.sums = LatticeSums::of(self.kernel, self.medium.spacing, p.h_max());
+        self.lattice = Lattice::of(self.kernel, p.h_max(), self.medium.spacing, self.medium.rest_density);
         let state = self.plan.state;
         for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
             if self.plan.start != StartPressure::Given {

@@ -1,0 +1,261 @@
+//! What the method `isph` keeps exactly, and what it must not do.
+
+use greenwater::case::{AnySetup, Case};
+use greenwater::domain::Domain;
+use greenwater::kernel::WendlandC2;
+use greenwater::math::Vector;
+use greenwater::particles::{Kind, Particle, Particles};
+use greenwater::scheme::isph::FreeSurface;
+use greenwater::scheme::{Isph, IsphSettings, Medium, Preset};
+use greenwater::simulation::Simulation;
+
+const SPACING: f64 = 0.1;
+
+fn settings(tolerance: f64) -> IsphSettings {
+    let mut settings = IsphSettings::preset(Preset::Water);
+    settings.solver.tolerance = tolerance;
+    settings
+}
+
+fn medium<const D: usize>(g: f64, viscosity: f64) -> Medium<D> {
+    let gravity = -g * Vector::unit(D - 1);
+    Medium { rest_density: 1000.0, viscosity, gravity, spacing: SPACING, depth: 1.0, floor: 0.0, courant: 0.25 }
+}
+
+/// A particle in the middle of cell `cell`; `layer` 0 is fluid.
+fn at<const D: usize>(cell: [i64; D], layer: u8) -> Particle<D> {
+    let x = Vector(cell.map(|c| (c as f64 + 0.5) * SPACING));
+    let mass = (0..D).fold(1000.0, |mass, _| mass * SPACING);
+    let kind = if layer == 0 { Kind::Fluid } else { Kind::Wall };
+    Particle { kind, layer, x, v: Vector::ZERO, mass, density: 1000.0, pressure: 0.0, h: 1.3 * SPACING }
+}
+
+/// A tank of `inside` cells, open at the top, with three lines of walls; `fluid` says which cells inside hold fluid.
+fn tank<const D: usize>(inside: [i64; D], fluid: impl Fn([i64; D]) -> bool) -> Particles<D> {
+    let span = inside.map(|n| n + 6);
+    let mut p = Particles::new();
+    for i in 0..span.iter().product() {
+        let mut rest: i64 = i;
+        let cell: [i64; D] = std::array::from_fn(|d| {
+            let along = rest % span[d] - 3;
+            rest /= span[d];
+            along
+        });
+        let line = (0..D).map(|d| if d == D - 1 { -cell[d] } else { (-cell[d]).max(cell[d] + 1 - inside[d]) }).max().unwrap_or(0).max(0);
+        if line > 0 && cell[D - 1] < inside[D - 1] || line == 0 && cell[D - 1] < inside[D - 1] && fluid(cell) {
+            p.push(i as u32, at(cell, line as u8));
+        }
+    }
+    p
+}
+
+fn simulation<const D: usize>(p: Particles<D>, settings: IsphSettings, medium: &Medium<D>) -> Simulation<D> {
+    let domain = Domain::new(Vector::splat(-10.0), Vector::splat(10.0), [false; D]);
+    let scheme = Isph::new(WendlandC2, *medium, settings).unwrap();
+    Simulation::new(p, domain, Box::new(scheme), medium, None)
+}
+
+fn fluid<const D: usize>(p: &Particles<D>) -> impl Iterator<Item = usize> {
+    (0..p.owned()).filter(|&a| p.is_fluid(a))
+}
+
+fn momentum<const D: usize>(p: &Particles<D>) -> Vector<D> {
+    fluid(p).fold(Vector::ZERO, |sum, a| sum + p.mass[a] * p.v[a])
+}
+
+/// Still water on the lattice: surface rows, corners and walls balance to the tolerance of the solver, 1e-10 of the weight, which
+/// in a step of 0.01 s makes some 1e-12 m/s. A surface row off by a percent would make 1e-3 m/s.
+fn still_water_stays<const D: usize>(inside: [i64; D]) {
+    let depth = 5;
+    let medium = Medium { depth: depth as f64 * SPACING, ..medium::<D>(9.81, 0.0) };
+    let mut run = simulation(tank(inside, |cell| cell[D - 1] < depth), settings(1e-10), &medium);
+    run.start().unwrap();
+    for _ in 0..10 {
+        run.advance().unwrap();
+    }
+    let p = run.particles();
+    for a in fluid(p) {
+        let expected = 9810.0 * (medium.depth - p.x[a][D - 1]);
+        assert!((p.pressure[a] - expected).abs() < 1e-5 * 9810.0 * medium.depth, "{} at {:?}, not {expected}", p.pressure[a], p.x[a]);
+        assert!(p.v[a].norm() < 1e-7, "{:?} at {:?}", p.v[a], p.x[a]);
+    }
+    // The floor carries the weight: its middle particles that of the column above.
+    let weight: f64 = fluid(p).map(|a| 9.81 * p.mass[a]).sum();
+    let on_walls: f64 = (0..p.owned()).map(|a| p.force[a][D - 1]).sum();
+    assert!((on_walls / weight + 1.0).abs() < 1e-9, "{on_walls} N of {weight}");
+    // Walls show the pressure at their own depth.
+    let middle = (0..p.owned()).filter(|&a| p.kind[a] == Kind::Wall && (0..D - 1).all(|d| (p.x[a][d] - 0.35).abs() < 0.11));
+    for a in middle.filter(|&a| p.x[a][D - 1] < 0.0) {
+        let expected = 9810.0 * (medium.depth - p.x[a][D - 1]);
+        assert!((p.pressure[a] / expected - 1.0).abs() < 1e-4, "wall: {} at {:?}, not {expected}", p.pressure[a], p.x[a]);
+    }
+}
+
+#[test]
+fn still_water_on_a_lattice_stays_still_in_2d() {
+    still_water_stays([7, 9]);
+}
+
+#[test]
+fn still_water_on_a_lattice_stays_still_in_3d() {
+    still_water_stays([7, 7, 9]);
+}
+
+/// While a column collapses: forces on walls are minus the change of momentum of the fluid but for its weight. 1e-9: sums of some
+/// hundred forces as large as the weight.
+#[test]
+fn forces_on_walls_balance_the_momentum_of_the_fluid() {
+    let medium = medium::<2>(9.81, 1.0);
+    let mut run = simulation(tank([24, 16], |cell| cell[0] < 6 && cell[1] < 12), settings(1e-3), &medium);
+    run.start().unwrap();
+    let weight: f64 = fluid(run.particles()).map(|a| 9.81 * run.particles().mass[a]).sum();
+    let mut pushed = 0.0f64;
+    for _ in 0..80 {
+        let before = momentum(run.particles());
+        let (limit, _) = run.advance().unwrap();
+        let p = run.particles();
+        let on_walls = (0..p.owned()).fold(Vector::ZERO, |sum, a| sum + p.force[a]);
+        let gained = (momentum(p) - before) / limit.dt + weight * Vector::unit(1);
+        assert!((on_walls + gained).norm() < 1e-9 * weight, "{on_walls:?} and {gained:?}");
+        assert!(fluid(p).all(|a| p.force[a] == Vector::ZERO));
+        pushed = pushed.max(on_walls[0].abs());
+    }
+    assert!(pushed > 0.05 * weight, "the back wall was hardly pushed: {pushed} N");
+}
+
+/// A wall knows the pressure gradient along its normal only: it must not carry the weight of a drop that slides down it.
+#[test]
+fn a_drop_beside_a_wall_falls_freely() {
+    let medium = medium::<2>(9.81, 0.0);
+    let drop = |cell: [i64; 2]| cell == [0, 30];
+    let mut run = simulation(tank([8, 40], drop), settings(1e-8), &medium);
+    run.start().unwrap();
+    while run.time() < 0.3 {
+        run.advance().unwrap();
+    }
+    let p = run.particles();
+    let a = fluid(p).next().unwrap();
+    // 1e-6: sums over the wall above and below cancel to rounding, over a few dozen steps.
+    assert!((p.v[a][1] + 9.81 * run.time()).abs() < 1e-6, "{:?} after {} s", p.v[a], run.time());
+    assert!(p.v[a][0].abs() < 1e-6 && (p.x[a][0] - 0.05).abs() < 1e-6);
+}
+
+/// Pressure goes as one over the step where divergence is left: a step never more than halves, nor grows by more than a fifth.
+#[test]
+fn steps_change_gently_through_an_impact() {
+    let medium = medium::<2>(9.81, 0.0);
+    let mut run = simulation(tank([12, 30], |cell| cell[0] < 4 && cell[1] < 8), settings(1e-3), &medium);
+    run.start().unwrap();
+    let mut before: Option<f64> = None;
+    while run.time() < 0.6 {
+        let (limit, _) = run.advance().unwrap();
+        if let Some(before) = before {
+            // 1e-12: rounding.
+            assert!(limit.dt <= 1.2 * before * (1.0 + 1e-12) && limit.dt >= 0.5 * before * (1.0 - 1e-12), "{before} then {limit:?}");
+        }
+        before = Some(limit.dt);
+    }
+    assert_eq!(run.particles().count(Kind::Lost), 0);
+}
+
+/// A box full of fluid has no free surface: pressure is hydrostatic with mean zero, and nothing moves.
+#[test]
+fn a_full_box_has_a_pressure_of_mean_zero() {
+    let medium = medium::<2>(9.81, 0.0);
+    let mut p = tank([8, 12], |cell| cell[1] < 9);
+    // A lid of three lines on the fluid.
+    for i in -3..11 {
+        for line in 1..=3 {
+            if (0..8).contains(&i) {
+                p.push(10_000 + 100 * line as u32 + i as u32, at([i, 8 + line], line as u8));
+            }
+        }
+    }
+    let full = IsphSettings { free_surface: FreeSurface::None, ..settings(1e-10) };
+    let mut run = simulation(p, full, &medium);
+    run.start().unwrap();
+    for _ in 0..10 {
+        run.advance().unwrap();
+    }
+    let p = run.particles();
+    let count = fluid(p).count() as f64;
+    let mean = fluid(p).map(|a| p.pressure[a]).sum::<f64>() / count;
+    assert!(mean.abs() < 1e-6 * 9810.0, "mean {mean} Pa");
+    for a in fluid(p) {
+        let expected = 9810.0 * (0.45 - p.x[a][1]);
+        assert!((p.pressure[a] - expected).abs() < 1e-4 * 9810.0, "{} at {:?}, not {expected}", p.pressure[a], p.x[a]);
+        assert!(p.v[a].norm() < 1e-6, "{:?}", p.v[a]);
+    }
+}
+
+/// A periodic channel between two plates, the upper one moving: the linear profile is an exact solution, and each plate feels
+/// `μ U/H` an area. 1e-9: the profile of a lattice has no error but rounding.
+#[test]
+fn a_linear_profile_between_plates_is_steady_and_drags_them() {
+    let (n, height, mu, speed) = (6, 8, 2.0, 0.5);
+    let mut p = Particles::<2>::new();
+    for i in 0..n {
+        for j in -3..height + 3 {
+            let line = (-j).max(j + 1 - height).max(0);
+            let mut particle = at([i, j], line as u8);
+            let share = ((j as f64 + 0.5) / height as f64).clamp(0.0, 1.0);
+            particle.v = speed * share * Vector::unit(0);
+            p.push((100 * i + j + 3) as u32, particle);
+        }
+    }
+    let medium = Medium { depth: height as f64 * SPACING, ..medium::<2>(0.0, mu) };
+    let still = IsphSettings { free_surface: FreeSurface::None, dissipation: 0.0, ..settings(1e-8) };
+    let domain = Domain::new(Vector([0.0, -1.0]), Vector([n as f64 * SPACING, 2.0]), [true, false]);
+    let scheme = Isph::new(WendlandC2, medium, still).unwrap();
+    let mut run = Simulation::new(p, domain, Box::new(scheme), &medium, None);
+    run.start().unwrap();
+    run.advance().unwrap();
+    let p = run.particles();
+    for a in fluid(p) {
+        let expected = speed * p.x[a][1] / (height as f64 * SPACING);
+        assert!((p.v[a] - expected * Vector::unit(0)).norm() < 1e-9, "{:?} at {:?}, not {expected}", p.v[a], p.x[a]);
+    }
+    let drag: f64 = (0..p.owned()).filter(|&a| p.kind[a] == Kind::Wall && p.x[a][1] < 0.0).map(|a| p.force[a][0]).sum();
+    let expected = mu * speed / (height as f64 * SPACING) * n as f64 * SPACING;
+    // 3 %: the sum over the lattice stands for the integral of the kernel.
+    assert!((drag / expected - 1.0).abs() < 0.03, "{drag} N/m, not {expected}");
+}
+
+/// Rows of vortices at Re = 20, periodic: kinetic energy falls as `exp(−16 π² ν t/L²)`, here to 0.73.
+#[test]
+fn isph_shift_lets_vortices_decay_at_their_rate() {
+    use std::f64::consts::PI;
+    let n = 20;
+    let mut p = Particles::<2>::new();
+    for i in 0..n * n {
+        let mut particle = at([i % n, i / n], 0);
+        let [x, y] = particle.x.0.map(|x| PI * x);
+        particle.v = Vector([-x.cos() * y.sin(), x.sin() * y.cos()]);
+        p.push(i as u32, particle);
+    }
+    let medium = Medium { depth: 2.0, ..medium::<2>(0.0, 100.0) };
+    let still = IsphSettings { free_surface: FreeSurface::None, dissipation: 0.0, ..settings(1e-4) };
+    let domain = Domain::new(Vector::ZERO, Vector([2.0, 2.0]), [true, true]);
+    let mut run = Simulation::new(p, domain, Box::new(Isph::new(WendlandC2, medium, still).unwrap()), &medium, None);
+    run.start().unwrap();
+    let energy = |p: &Particles<2>| fluid(p).map(|a| p.v[a].norm_squared()).sum::<f64>();
+    let start = energy(run.particles());
+    while run.time() < 0.08 {
+        run.advance().unwrap();
+    }
+    let share = energy(run.particles()) / start;
+    let exact = (-16.0 * PI * PI * 0.1 / 4.0 * run.time()).exp();
+    // 5 %: twenty particles across two vortices at h = 1.3 spacings.
+    assert!((share / exact - 1.0).abs() < 0.05, "{share}, not {exact}");
+}
+
+/// The method is in the list, with its kernel, and runs a shipped case.
+#[test]
+fn a_case_may_name_it() {
+    let case = Case::load("dam-break-20", &[("method.name".into(), "\"isph\"".into())]).unwrap();
+    let AnySetup::D2(setup) = case.checked().unwrap() else { panic!("a case in two dimensions") };
+    let mut run = setup.simulation().unwrap();
+    run.start().unwrap();
+    let (_, report) = run.advance().unwrap();
+    assert!(report.iterations.unwrap() > 0);
+}
