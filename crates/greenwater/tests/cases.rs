@@ -376,7 +376,7 @@ fn references_are_checked_with_their_curve() {
     assert!(parse(&format!("{GOOD}{curve}")).is_ok());
     for (from, to, expected) in [
         ("\"front\"", "\"frnt\"", "`compare.reference[0].quantity` is \"frnt\""),
-        ("\"front\"", "\"probe:P9\"", "with the name of a probe"),
+        ("\"front\"", "\"probe:P9\"", "with the name of an instrument"),
         ("[1.0, 2.0]", "[0.0, 2.0]", "`compare.reference[0].points[1]` is [0.0, 2.0], but must be later than the point before it"),
         ("time_scale = 1.0", "time_scale = 0", "`compare.reference[0].time_scale` is 0, but must be > 0"),
         ("source = \"s\"\n", "", "`compare.reference[0].source` is missing: Where the values come from."),

@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(find("method(isph-paper).solver.tolerance").map(|row| row.default.as_str()), Some("0.000001"));
         assert_eq!(find("method(wcsph).initial_density").map(|row| (row.kind.as_str(), row.choices.len())), Some(("text", 2)));
         assert_eq!(find("method(isph-paper).wall_guard").map(|row| row.choices.len()), Some(2));
-        assert_eq!(meaning("probe[3].position"), "Where it is, one number an axis. (m)");
+        assert_eq!(meaning("probe[3].position"), "Where its middle is, one number an axis. (m)");
         assert_eq!(meaning("walls.shapes[0].box.min"), "Lower corner. (m)");
     }
 
