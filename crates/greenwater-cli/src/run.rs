@@ -62,7 +62,6 @@ impl HowArgs {
     fn show(&self) -> Show {
         if self.json { Show::Nothing } else { Show::Progress }
     }
-
 }
 
 /// Starts as many threads as asked for.

@@ -68,7 +68,7 @@ pub struct ValidateArgs {
 /// The methods that run where none is named: the best of each family, as far as there are any, else all.
 fn default_methods() -> Vec<(MethodName, Option<Preset>)> {
     const DEFAULTS: [&str; 2] = ["isph", "delta-sph"];
-    let chosen: Vec<MethodName> = MethodName::ALL.into_iter().filter(|method| DEFAULTS.contains(&method.name())).collect();
+    let chosen: Vec<MethodName> = MethodName::ALL.iter().copied().filter(|method| DEFAULTS.contains(&method.name())).collect();
     let methods = if chosen.is_empty() { MethodName::ALL.to_vec() } else { chosen };
     methods.into_iter().map(|method| (method, None)).collect()
 }
@@ -241,6 +241,9 @@ fn one(shipped: &Shipped, quantity: &Quantity, made: &Made, known: &BTreeMap<(St
         (Measure::Change { of, from, to }, None) => other(of, from)
             .and_then(|from| Ok((from, other(of, to)?)))
             .map(|(from, to)| measure::Measured { value: ((from - to) / to).abs(), reference: None }),
+        (Measure::Ratio { of, over }, None) => other(of, made.run)
+            .and_then(|of| Ok((of, other(over, made.run)?)))
+            .map(|(of, over)| measure::Measured { value: of / over, reference: None }),
         (measure, None) => reading.measure(measure, shipped.tables),
     };
     let own = measured.as_ref().ok().and_then(|measured| measured.reference);

@@ -12,7 +12,7 @@ use crate::error::ReportError;
 use crate::flow::{FlowSheet, Panel, View};
 use crate::measure::{FRONT_LEVELS, HEIGHT_LEVELS, Measured};
 use crate::page::{Block, Cells, Figure, Page, Section, Table};
-use crate::plot::{Axis, Bar, LinePlot, PALETTE, RightAxis, Series, StackedBars, Style, png};
+use crate::plot::{Axis, Bar, LinePlot, PALETTE, Series, StackedBars, Style, png};
 use crate::run::{Frame, Outcome, Reference, Run, Spread};
 use crate::words::{self, join, number, quantity, signed_percent};
 

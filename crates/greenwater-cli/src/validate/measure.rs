@@ -43,7 +43,8 @@ impl Reading {
         let run = Run::read(folder).map_err(|e| e.to_string())?;
         let summary = std::fs::read_to_string(folder.join("summary.json")).ok().and_then(|text| serde_json::from_str(&text).ok());
         let scales = &run.provenance.scales;
-        let known = [("dx", scales.spacing), ("g", scales.gravity), ("rho0", scales.rest_density), ("H", scales.height), ("L", scales.width)];
+        let known =
+            [("dx", scales.spacing), ("g", scales.gravity), ("rho0", scales.rest_density), ("H", scales.height), ("L", scales.width)];
         let mut constants: Vec<(String, f64)> = known.iter().filter_map(|(name, value)| Some(((*name).to_owned(), (*value)?))).collect();
         // Constants may name each other: as often as there are, so that every order works.
         let mut left: Vec<(&String, &Number)> = bands.constants.iter().collect();
@@ -107,7 +108,9 @@ impl Reading {
             Measure::Series(series) => self.series(series)?,
             Measure::Curve(curve) => return self.curve(curve, tables),
             Measure::Summary(key) => self.summary(key)?,
-            Measure::Order { .. } | Measure::Change { .. } | Measure::Methods { .. } => return Err("needs other runs".to_owned()),
+            Measure::Order { .. } | Measure::Change { .. } | Measure::Ratio { .. } | Measure::Methods { .. } => {
+                return Err("needs other quantities".to_owned());
+            }
         };
         if value.is_finite() { Ok(Measured { value, reference: None }) } else { Err("the value is not finite".to_owned()) }
     }
@@ -214,7 +217,8 @@ impl Reading {
         let (from, to) = (end(&line.from)?, end(&line.to)?);
         let mut value = self.of_state(&line.value)?;
         let mut exact = line.exact.as_deref().map(|text| self.of_state(text)).transpose()?;
-        let values: Vec<f64> = (0..frame.points.len()).map(|a| if state.kind[a] == 0.0 { value.value(&state.at(a)) } else { f64::NAN }).collect();
+        let values: Vec<f64> =
+            (0..frame.points.len()).map(|a| if state.kind[a] == 0.0 { value.value(&state.at(a)) } else { f64::NAN }).collect();
         let length = (0..3).map(|d| (to[d] - from[d]) * (to[d] - from[d])).sum::<f64>().sqrt();
         let pieces = (length / (0.25 * self.spacing)).ceil().max(1.0);
         let (mut results, mut squares) = (Vec::new(), 0.0);
@@ -244,13 +248,17 @@ impl Reading {
             "steps" => &self.run.steps,
             other => return Err(format!("a run has no table `{other}`")),
         };
-        let rows: Vec<[f64; 2]> = table_of.against_time(column).into_iter().filter(|row| row[0].is_finite() && row[1].is_finite()).collect();
+        let rows: Vec<[f64; 2]> =
+            table_of.against_time(column).into_iter().filter(|row| row[0].is_finite() && row[1].is_finite()).collect();
         if rows.is_empty() { Err(format!("{table}.csv has no numbers in the column `{column}`")) } else { Ok(rows) }
     }
 
     fn series(&self, series: &Series) -> Result<f64, Problem> {
         let all = self.column(&series.table, &series.column)?;
-        let (from, to) = (self.optional(series.from.as_ref())?.unwrap_or(f64::NEG_INFINITY), self.optional(series.to.as_ref())?.unwrap_or(f64::INFINITY));
+        let (from, to) = (
+            self.optional(series.from.as_ref())?.unwrap_or(f64::NEG_INFINITY),
+            self.optional(series.to.as_ref())?.unwrap_or(f64::INFINITY),
+        );
         let at = self.optional(series.at.as_ref())?;
         let scale = self.optional(series.scale.as_ref())?.unwrap_or(1.0);
         let less = self.optional(series.less.as_ref())?.unwrap_or(0.0);
@@ -265,9 +273,12 @@ impl Reading {
         let text = tables.iter().find(|(name, _)| *name == curve.curve).map(|(_, text)| *text);
         let reference = points(text.ok_or_else(|| format!("the case has no curve `{}`", curve.curve))?);
         let (time, value) = (self.number(&curve.time_scale)?, self.number(&curve.value_scale)?);
-        let shift = self.optional(curve.shift.as_ref())?.unwrap_or(0.0);
-        let rows: Vec<[f64; 2]> =
-            self.column(&curve.table, &curve.column)?.into_iter().map(|row| [row[0] * time + shift, row[1] * value]).collect();
+        let mut rows: Vec<[f64; 2]> =
+            self.column(&curve.table, &curve.column)?.into_iter().map(|row| [row[0] * time, row[1] * value]).collect();
+        if let Some(level) = curve.align {
+            let start = crossing(&rows, level).ok_or_else(|| format!("the run does not reach {level}"))?;
+            rows.iter_mut().for_each(|row| row[0] -= start);
+        }
         let window = || curve.from.zip(curve.to).ok_or_else(|| "`from` and `to` are missing".to_owned());
         let level = || curve.level.ok_or_else(|| "`level` is missing".to_owned());
         let mean = |rows: &[[f64; 2]], what: &str| -> Result<f64, Problem> {
@@ -475,6 +486,11 @@ fn pick(pick: Pick, rows: &[[f64; 2]], at: Option<f64>) -> Result<f64, Problem> 
             crossing(rows, level).ok_or_else(|| format!("the value {level} is never reached"))?
         }
         Pick::Rise => rise(values.iter().copied()),
+        Pick::Drift => {
+            let tenth = (values.len() / 10).max(1);
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+            mean(&values[values.len() - tenth..]) - mean(&values[..tenth])
+        }
     })
 }
 
@@ -585,6 +601,7 @@ mod tests {
             (Pick::Rise, None, 0.6),
             (Pick::Min, None, 0.7),
             (Pick::Linf, None, 1.3),
+            (Pick::Drift, None, 0.0),
         ] {
             let value = pick(which, &sine(), at).unwrap();
             assert!((value - expected).abs() < 1e-3, "{which:?}: {value} instead of {expected}");
@@ -595,9 +612,15 @@ mod tests {
     #[test]
     fn norms_of_values() {
         let values = [3.0, -4.0];
-        for (norm, expected) in
-            [(Norm::Sum, -1.0), (Norm::Mean, -0.5), (Norm::Max, 3.0), (Norm::Min, -4.0), (Norm::Linf, 4.0), (Norm::Rms, 12.5_f64.sqrt()), (Norm::L2, 0.5)]
-        {
+        for (norm, expected) in [
+            (Norm::Sum, -1.0),
+            (Norm::Mean, -0.5),
+            (Norm::Max, 3.0),
+            (Norm::Min, -4.0),
+            (Norm::Linf, 4.0),
+            (Norm::Rms, 12.5_f64.sqrt()),
+            (Norm::L2, 0.5),
+        ] {
             assert_eq!(reduce(norm, &values, 100.0), Ok(expected), "{norm:?}");
         }
         assert!(reduce(Norm::Sum, &[], 0.0).is_err());
@@ -617,7 +640,9 @@ mod tests {
     #[test]
     fn bands_hold_what_lies_inside() {
         let band = Band { reference: Some(1.0), low: Some(0.9), high: Some(1.1) };
-        assert!(band.holds(Some(1.0)) && !band.holds(Some(1.2)) && !band.holds(Some(0.8)) && !band.holds(None) && !band.holds(Some(f64::NAN)));
+        assert!(
+            band.holds(Some(1.0)) && !band.holds(Some(1.2)) && !band.holds(Some(0.8)) && !band.holds(None) && !band.holds(Some(f64::NAN))
+        );
         let shown = Band { reference: Some(1.0), low: None, high: None };
         assert!(shown.holds(Some(7.0)) && shown.holds(None));
         assert_eq!(points("# a\nT,Z\n0, 1\n2,3\n"), [[0.0, 1.0], [2.0, 3.0]]);

@@ -50,7 +50,8 @@ pub fn page(results: &Results) -> String {
             }
         }
         let own: Vec<&str> = methods.iter().copied().filter(|method| rows.iter().any(|row| row.method == *method)).collect();
-        let _ = writeln!(page, "\n| quantity | unit | reference | band | {} |\n|---|---|---|---|{}", own.join(" | "), "---|".repeat(own.len()));
+        let _ =
+            writeln!(page, "\n| quantity | unit | reference | band | {} |\n|---|---|---|---|{}", own.join(" | "), "---|".repeat(own.len()));
         for quantity in &quantities {
             let same: Vec<&&Row> = rows.iter().filter(|row| row.quantity == *quantity).collect();
             let cell = |method: &str| {

@@ -136,7 +136,8 @@ impl Results {
         for quantity in &bands.quantity {
             let Measure::Methods { of } = &quantity.measure else { continue };
             for run in bands.run.iter().filter(|run| quantity.runs.is_empty() || quantity.runs.contains(&run.name)) {
-                let values: Vec<f64> = known.iter().filter(|((name, in_run, _), _)| name == of && *in_run == run.name).map(|(_, v)| *v).collect();
+                let values: Vec<f64> =
+                    known.iter().filter(|((name, in_run, _), _)| name == of && *in_run == run.name).map(|(_, v)| *v).collect();
                 if values.len() < 2 {
                     continue;
                 }

@@ -151,6 +151,13 @@ pub enum Measure {
         /// Name of the other run.
         to: String,
     },
+    /// A quantity over another of the same run.
+    Ratio {
+        /// Name of the quantity.
+        of: String,
+        /// Name of what it is divided by.
+        over: String,
+    },
     /// Largest relative difference of a quantity from that of the other methods in this call.
     Methods {
         /// Name of the quantity.
@@ -303,6 +310,8 @@ pub enum Pick {
     First,
     /// Greatest rise above what was the least before.
     Rise,
+    /// Mean of the last tenth of the rows less that of the first tenth.
+    Drift,
 }
 
 /// A column of a table against a curve, in the scaled variables of the curve.
@@ -319,8 +328,8 @@ pub struct Curve {
     pub time_scale: Number,
     /// Scaled value over value.
     pub value_scale: Number,
-    /// What is added to the times of the run, scaled.
-    pub shift: Option<Number>,
+    /// Times of the run count from when it first reaches this scaled value; left out: from its start.
+    pub align: Option<f64>,
     /// Which number.
     pub pick: CurvePick,
     /// Start of the window, scaled time.
@@ -389,7 +398,8 @@ mod tests {
             assert!(shipped.readme.starts_with("# ") && shipped.readme.contains("Source"), "{}: README.md", shipped.name);
             for run in &bands.run {
                 let set: Vec<(String, String)> = run.set.iter().map(|(key, value)| (key.clone(), value.to_string())).collect();
-                let case = Case::parse(shipped.name, shipped.case.to_owned(), None, &set).unwrap_or_else(|e| panic!("{}: {e}", shipped.name));
+                let case =
+                    Case::parse(shipped.name, shipped.case.to_owned(), None, &set).unwrap_or_else(|e| panic!("{}: {e}", shipped.name));
                 if let Err(error) = case.checked() {
                     panic!("{}, run {}: {error}", shipped.name, run.name);
                 }
