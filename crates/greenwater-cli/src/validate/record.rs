@@ -171,7 +171,10 @@ impl Results {
         if value["format"] != 1 {
             return Err(wrong(format!("its format is {}, but must be 1", value["format"])));
         }
-        let rows = serde_json::from_value(value["results"].take()).map_err(|e| wrong(e.to_string()))?;
+        let mut rows: Vec<Row> = serde_json::from_value(value["results"].take()).map_err(|e| wrong(e.to_string()))?;
+        for row in &mut rows {
+            row.pass = Band { reference: row.reference, low: row.low, high: row.high }.holds(row.value) && row.problem.is_none();
+        }
         Ok(Self { rows })
     }
 

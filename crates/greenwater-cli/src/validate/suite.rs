@@ -35,6 +35,7 @@ macro_rules! shipped {
 
 /// The validation cases, in the order in which they run.
 pub static CASES: &[Shipped] = shipped! {
+    "free-fall": [],
     "hydrostatic": [],
     "hydrostatic-3d": [],
     "wedge": [],
@@ -45,11 +46,13 @@ pub static CASES: &[Shipped] = shipped! {
     "rotating-square": [],
     "elliptic-drop": [],
     "standing-wave": [],
+    "solitary-wave": [],
     "colliding-patches": [],
     "jet": [],
     "dam-break-front": ["martin-moyce-n1.csv", "martin-moyce-n2.csv"],
     "dam-break-noise": [],
     "dam-break-long": [],
+    "cylinder": [],
     "dam-break-impact": ["p1.csv", "p2.csv", "p3.csv", "p4.csv", "buchner.csv", "zhou-h1.csv", "zhou-h2.csv"],
 };
 
