@@ -601,7 +601,8 @@ mod tests {
             (Pick::Rise, None, 0.6),
             (Pick::Min, None, 0.7),
             (Pick::Linf, None, 1.3),
-            (Pick::Drift, None, 0.0),
+            // A tenth is half a period: its means are 1 + 0.6/pi and 1 - 0.6/pi.
+            (Pick::Drift, None, -1.2 / std::f64::consts::PI),
         ] {
             let value = pick(which, &sine(), at).unwrap();
             assert!((value - expected).abs() < 1e-3, "{which:?}: {value} instead of {expected}");

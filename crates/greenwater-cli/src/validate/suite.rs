@@ -47,6 +47,7 @@ pub static CASES: &[Shipped] = shipped! {
     "elliptic-drop": [],
     "standing-wave": [],
     "solitary-wave": [],
+    "hydraulic-jump": [],
     "colliding-patches": [],
     "jet": [],
     "dam-break-front": ["martin-moyce-n1.csv", "martin-moyce-n2.csv"],
