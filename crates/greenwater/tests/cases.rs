@@ -527,7 +527,10 @@ fn formulas_give_velocity_and_pressure_at_the_start() {
         assert_eq!((v, setup.particles.pressure[a]), (Vector([-x[1], 2.0 * x[0]]), 100.0 * x[0].powf(2.0)));
     }
     for (keys, expected) in [
-        ("velocity = [\"q\", \"x\"]", "`fluid.velocity[0]` is \"q\", but must be a formula; character 1: unknown name `q`; known: x, y, pi"),
+        (
+            "velocity = [\"q\", \"x\"]",
+            "`fluid.velocity[0]` is \"q\", but must be a formula; character 1: unknown name `q`; known: x, y, pi",
+        ),
         ("velocity = [\"x\"]", "`fluid.velocity` is a list of 1, but must be a list of 2 formulas"),
         ("velocity = [\"z\", 0]", "unknown name `z`"),
         ("pressure = \"1/(x - 0.05)*0\"", "`fluid.pressure` is NaN at [0.05, 0.05] m, but must be finite at every particle"),
@@ -540,7 +543,8 @@ fn formulas_give_velocity_and_pressure_at_the_start() {
 }
 
 /// The tank of the good case with a paddle that swings beside it.
-const PADDLE: &str = "shapes = [{ name = \"paddle\", velocity = [\"0.5*cos(20*t)\", \"0\"], box = { min = [1.0, 0.0], max = [1.2, 0.5] } }, { tank";
+const PADDLE: &str =
+    "shapes = [{ name = \"paddle\", velocity = [\"0.5*cos(20*t)\", \"0\"], box = { min = [1.0, 0.0], max = [1.2, 0.5] } }, { tank";
 
 #[test]
 fn walls_move_as_their_formula_says() {
@@ -565,7 +569,11 @@ fn walls_move_as_their_formula_says() {
     for (from, to, expected) in [
         ("0.5*cos(20*t)", "x", "`walls.shapes[0].velocity[0]` is \"x\", but must be a formula; character 1: unknown name `x`; known: t"),
         ("0.5*cos(20*t)", "1/t", "`walls.shapes[0].velocity` is not finite at some time"),
-        ("velocity = [\"0.5*cos(20*t)\", \"0\"]", "moves = false", "`walls.shapes[0].moves` is given, but must be left out without a `velocity`"),
+        (
+            "velocity = [\"0.5*cos(20*t)\", \"0\"]",
+            "moves = false",
+            "`walls.shapes[0].moves` is given, but must be left out without a `velocity`",
+        ),
         ("\"paddle\"", "\"a paddle\"", "`walls.shapes[0].name` is \"a paddle\""),
         ("velocity", "velocty", "`walls.shapes[0]` is \"velocty\", which is unknown, did you mean `velocity`?"),
     ] {
@@ -585,7 +593,11 @@ fn instruments_are_checked() {
     assert_eq!((setup.probes[0].size, setup.gauges.len(), setup.loads[0].bodies.as_slice()), (0.2, 2, [1].as_slice()));
     for (from, to, expected) in [
         ("normal = [-2.0, 0.0]", "", "`probe[0].normal` is left out, but must be given for a probe with a `size`"),
-        ("position = [2.0, 0.1]", "position = [1.6, 1.0]", "m from the nearest wall particle, but must be within 0.2600 m of a wall or of the fluid"),
+        (
+            "position = [2.0, 0.1]",
+            "position = [1.6, 1.0]",
+            "m from the nearest wall particle, but must be within 0.2600 m of a wall or of the fluid",
+        ),
         ("[\"paddle\"]", "[\"padle\"]", "`load[0].walls[0]` is \"padle\", which is unknown, did you mean `paddle`?"),
         ("to = [0.4, 1.0]", "to = [0.4, 0.0]", "`gauge[1].to` is [0.4, 0.0], but must be another point than `from`"),
         ("position = [0.2, 0.1]\n", "", "`gauge[0].position` is left out, but must be given for a gauge of elevation"),
