@@ -104,7 +104,7 @@ impl Report<'_> {
             }
             for name in names {
                 let unit = tables.iter().map(|table| table.unit(name)).find(|unit| !unit.is_empty()).unwrap_or_default();
-                let mut plot = LinePlot::new(format!("{kind} {name}"), "time [s]", &format!("{name} [{unit}]"));
+                let mut plot = LinePlot::new(format!("{kind} {name}"), "time [s]", format!("{name} [{unit}]"));
                 for (k, table) in tables.iter().enumerate() {
                     plot.series.push(Series::line(&self.numbers[k].name, k, table.against_time(name)));
                 }
