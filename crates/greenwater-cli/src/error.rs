@@ -24,6 +24,9 @@ pub enum CliError {
     /// A measurement.
     #[error(transparent)]
     Bench(#[from] Box<crate::bench::BenchError>),
+    /// A validation.
+    #[error(transparent)]
+    Validate(#[from] crate::validate::ValidateError),
     /// A run ended early; its folder has the details.
     #[error("{method}: {source}; the last good state is the last frame of `{}`", folder.display())]
     Run {
@@ -100,6 +103,7 @@ impl CliError {
             Self::Case(error) => error.exit_code(),
             Self::Output(error) => error.exit_code(),
             Self::Bench(error) => error.exit_code(),
+            Self::Validate(error) => error.exit_code(),
             Self::Run { source, .. } => source.exit_code(),
             Self::Report(ReportError::Io { .. } | ReportError::NotFound { .. }) | Self::Io { .. } | Self::Print(_) => 5,
             Self::Report(ReportError::Raster { .. }) | Self::ThreadPool { .. } => 1,

@@ -11,6 +11,7 @@ mod new;
 mod progress;
 mod report;
 mod run;
+mod validate;
 
 use clap::{Parser, Subcommand};
 
@@ -26,7 +27,7 @@ struct Cli {
     command: Command,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done; 1 other failure; 2 bad usage or case; 4 instability; 5 input/output; \
+const EXIT_CODES: &str = "Exit codes: 0 done; 1 other failure; 2 bad usage or case; 3 outside a band; 4 instability; 5 input/output; \
                           7 over a resource limit; 130 stopped by Ctrl-C";
 
 #[derive(Debug, Subcommand)]
@@ -39,6 +40,8 @@ enum Command {
     Run(run::RunArgs),
     /// Run several methods from the same initial particles, then write the report that compares them
     Compare(run::CompareArgs),
+    /// Run the shipped validation cases against their references and bands
+    Validate(validate::ValidateArgs),
     /// Measure this program on this machine: neighbour search, pressure solvers, steps, and the whole paper
     Bench(bench::BenchArgs),
     /// Rebuild the report of run folders from what they hold
@@ -62,6 +65,7 @@ fn main() -> std::process::ExitCode {
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
         Command::Compare(args) => run::compare(args),
+        Command::Validate(args) => validate::validate(args),
         Command::Bench(args) => bench::run(args).map_err(|error| Box::new(error).into()),
         Command::Report(args) => report::report(args),
         Command::Export(args) => export::export(args),

@@ -62,15 +62,16 @@ impl HowArgs {
     fn show(&self) -> Show {
         if self.json { Show::Nothing } else { Show::Progress }
     }
+}
 
-    fn start_threads(&self) -> Result<(), CliError> {
-        let Some(given) = self.threads else { return Ok(()) };
-        if !(1..=1024).contains(&given) {
-            return Err(CliError::Threads { given });
-        }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(given).build_global();
-        pool.map_err(|error| CliError::ThreadPool { given, reason: error.to_string() })
+/// Starts as many threads as asked for.
+pub fn start_threads(threads: Option<usize>) -> Result<(), CliError> {
+    let Some(given) = threads else { return Ok(()) };
+    if !(1..=1024).contains(&given) {
+        return Err(CliError::Threads { given });
     }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(given).build_global();
+    pool.map_err(|error| CliError::ThreadPool { given, reason: error.to_string() })
 }
 
 #[derive(Clone, Debug, Args)]
@@ -103,7 +104,7 @@ pub struct CompareArgs {
 
 /// `greenwater run`.
 pub fn run(args: &RunArgs) -> Result<(), CliError> {
-    args.how.start_threads()?;
+    start_threads(args.how.threads)?;
     let mut case = args.case.load()?;
     if let Some((method, preset)) = args.method {
         case = case.with_method(method, preset)?;
@@ -127,7 +128,7 @@ pub fn run(args: &RunArgs) -> Result<(), CliError> {
 
 /// `greenwater compare`.
 pub fn compare(args: &CompareArgs) -> Result<(), CliError> {
-    args.how.start_threads()?;
+    start_threads(args.how.threads)?;
     let case = args.case.load()?;
     let chosen = if args.methods.is_empty() {
         case.checked()?.compare().methods.iter().map(|&(method, preset)| (method, Some(preset))).collect()

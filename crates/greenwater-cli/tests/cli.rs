@@ -403,3 +403,34 @@ fn a_reader_that_goes_away_is_no_error() {
     assert_eq!(text(&output.stderr), "");
     assert_eq!(text(&output.stdout).lines().count(), 1);
 }
+
+/// A whole validation: a case that runs in a moment inside its bands, then the same results with a value outside.
+#[test]
+fn validate_measures_a_case_and_tells_a_miss_by_its_exit_code() {
+    let place = Place::new();
+    assert!(place.ok("validate --list").contains("free-fall"));
+    let table = place.ok("validate free-fall --method wcsph --json results.json --docs page.md");
+    assert!(table.contains("centre of mass against free fall") && table.contains("3 of 3 quantities with a band are inside it"), "{table}");
+    let results: Value = serde_json::from_str(&place.read("results.json")).unwrap();
+    let row = &results["results"][0];
+    assert_eq!((&row["case"], &row["method"], &row["pass"]), (&"free-fall".into(), &"wcsph".into(), &true.into()));
+    for key in ["quantity", "unit", "source"] {
+        assert!(row[key].is_string(), "{key}");
+    }
+    for key in ["value", "reference", "low", "high", "seconds"] {
+        assert!(row[key].is_f64(), "{key}: {row}");
+    }
+    let page = place.read("page.md");
+    assert!(page.starts_with("# Validation") && page.contains("| [free-fall](#free-fall) | 3 of 3 |"), "{page}");
+
+    // The same numbers against a narrower band: a miss, whatever the file says of it.
+    let mut narrow = results.clone();
+    narrow["results"][0]["high"] = narrow["results"][0]["low"].clone();
+    place.put("narrow.json", &narrow.to_string());
+    assert_eq!(place.fails("validate --from narrow.json"), (3, "error: 1 of 3 quantities are outside their bands".to_owned()));
+    assert_eq!(place.fails("validate free-fal").0, 2);
+    let (code, error) = place.fails("validate free-fall --method wcsph --json results.json");
+    assert!(code == 2 && error.contains("exists already"), "{error}");
+    place.put("wrong.json", "{}");
+    assert_eq!(place.fails("validate --from wrong.json").0, 2);
+}

@@ -1,5 +1,7 @@
 //! Puts a report together: reads runs, measures, draws, writes.
 
+mod instruments;
+
 use std::fs;
 use std::io::Write as _;
 use std::path::{Component, Path, PathBuf};
@@ -10,7 +12,7 @@ use crate::error::ReportError;
 use crate::flow::{FlowSheet, Panel, View};
 use crate::measure::{FRONT_LEVELS, HEIGHT_LEVELS, Measured};
 use crate::page::{Block, Cells, Figure, Page, Section, Table};
-use crate::plot::{Axis, Bar, LinePlot, PALETTE, RightAxis, Series, StackedBars, Style, png};
+use crate::plot::{Axis, Bar, LinePlot, PALETTE, Series, StackedBars, Style, png};
 use crate::run::{Frame, Outcome, Reference, Run, Spread};
 use crate::words::{self, join, number, quantity, signed_percent};
 
@@ -164,8 +166,14 @@ impl<'a> Report<'a> {
                 let probes: serde_json::Map<String, Value> = m
                     .probes
                     .iter()
-                    .map(|p| (p.name.clone(), json!({"peak": p.peak.value, "peak_time": p.peak.time, "mean": p.mean})))
+                    .map(|p| {
+                        let mut value = instruments::impact_json(&p.impact);
+                        value["mean"] = json!(p.mean);
+                        (p.name.clone(), value)
+                    })
                     .collect();
+                let loads: serde_json::Map<String, Value> =
+                    m.loads.iter().map(|l| (l.name.clone(), instruments::impact_json(&l.impact))).collect();
                 let energy = m.energy.map(
                     |e| json!({"initial": e.initial, "final": e.last, "max_rise": e.max_rise, "loss": e.loss(), "unit": m.energy_unit}),
                 );
@@ -183,7 +191,7 @@ impl<'a> Report<'a> {
                     "pressure_noise": m.pressure_noise,
                     "density_percentiles": {"p01": m.density.p01, "p99": m.density.p99},
                     "volume_error": m.volume_error, "energy": energy, "front": m.front,
-                    "residual_height": m.residual_height, "probes": probes, "lost_particles": m.lost_particles,
+                    "residual_height": m.residual_height, "probes": probes, "loads": loads, "lost_particles": m.lost_particles,
                     "leads": leads, "phases": phases, "missing": run.notes,
                 })
             })
@@ -223,6 +231,7 @@ impl<'a> Report<'a> {
                 Section::new("The flow", self.flow()),
                 Section::new("Front and residual height", self.fronts()),
                 Section::new("Wall pressure", self.pressures()),
+                Section::new("Loads and gauges", self.loads_and_gauges()),
                 Section::new("Energy", self.energies()),
                 Section::new("Density and pressure noise", self.quality()),
                 Section::new("Distinctions of the methods", self.distinctions()),
@@ -476,72 +485,6 @@ impl<'a> Report<'a> {
             rows,
             cells: Cells::Numbers,
         })
-    }
-
-    // ---- pressure ---------------------------------------------------------------------------------------------
-
-    fn pressures(&self) -> Vec<Block> {
-        let mut names: Vec<&str> = Vec::new();
-        for name in self.runs.iter().flat_map(|run| run.probes.names()).filter(|name| *name != "time") {
-            if !names.contains(&name) {
-                names.push(name);
-            }
-        }
-        let mut blocks = Vec::new();
-        let (mut figures, mut silent) = (Vec::new(), Vec::new());
-        for (i, name) in names.iter().enumerate() {
-            let position = self.runs.iter().flat_map(|run| &run.provenance.probes).find(|probe| probe.name == *name);
-            let place = position
-                .filter(|p| !p.position.is_empty())
-                .map_or(String::new(), |p| format!(" at ({}) m", p.position.iter().map(|x| number(*x)).collect::<Vec<_>>().join(", ")));
-            let mut plot = LinePlot::new(format!("Pressure at {name}{place}"), "time [s]", "pressure [Pa]");
-            plot.size = if names.len() == 1 { [1100.0, 440.0] } else { [640.0, 420.0] };
-            plot.right = self.pressure_scale().map(|scale| RightAxis { label: "fraction of \u{3c1}gH".into(), factor: 1.0 / scale });
-            for (k, run) in self.runs.iter().enumerate() {
-                plot.series.push(Series::line(&self.numbers[k].name, k, run.probes.against_time(name)));
-            }
-            for (k, reference) in self.references(&format!("probe:{name}")).iter().enumerate() {
-                let Some((t, v)) = reference.scaling() else { continue };
-                let points = reference.points.iter().map(|p| [p[0] / t, p[1] / v]).collect();
-                plot.series.push(Series::reference(&reference.name, k, points));
-            }
-            if plot.is_empty() {
-                silent.push((*name).to_owned());
-                continue;
-            }
-            let caption = format!(
-                "Raw pressure at {name}, neither smoothed nor thinned. The height of single spikes is noise as much as impact: compare the means, too."
-            );
-            figures.push(Figure { name: format!("probe-{}-{}", i + 1, file_name(name)), svg: plot.svg(), caption });
-        }
-        if !silent.is_empty() {
-            blocks.push(Block::Notice(format!("No finite pressure was stored for {}.", join(&silent))));
-        }
-        if figures.is_empty() {
-            blocks.push(Block::Notice("No run stored wall pressures in probes.csv.".into()));
-            return blocks;
-        }
-        blocks.push(Block::Figures(figures));
-        let share = |pressure: f64, m: &Measured| match m.pressure_scale {
-            Some(scale) => format!("{} Pa ({} \u{3c1}gH)", number(pressure), number(pressure / scale)),
-            None => format!("{} Pa", number(pressure)),
-        };
-        let mut rows = Vec::new();
-        for name in &names {
-            let at = |m: &Measured, say: &dyn Fn(&crate::measure::ProbeNumbers) -> String| {
-                m.probes.iter().find(|p| p.name == *name).map_or("no data".to_owned(), say)
-            };
-            rows.push(self.row(&format!("{name}: peak"), |m| at(m, &|p| share(p.peak.value, m))));
-            rows.push(self.row(&format!("{name}: time of the peak"), |m| at(m, &|p| quantity(Some(p.peak.time), "s"))));
-            rows.push(self.row(&format!("{name}: mean over time"), |m| at(m, &|p| share(p.mean, m))));
-        }
-        blocks.push(Block::Table(Table {
-            caption: "Highest single sample, its time, and the mean over the whole run (trapezoidal rule).".into(),
-            head: self.head("probe"),
-            rows,
-            cells: Cells::Numbers,
-        }));
-        blocks
     }
 
     // ---- energy -----------------------------------------------------------------------------------------------
@@ -872,6 +815,8 @@ impl<'a> Report<'a> {
             "energy.csv",
             "front.csv",
             "probes.csv",
+            "gauges.csv",
+            "loads.csv",
             "quality.csv",
             "steps.csv",
             "FAILED.json",

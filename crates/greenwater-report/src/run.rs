@@ -447,6 +447,10 @@ pub struct Run {
     pub front: Table,
     /// `probes.csv`
     pub probes: Table,
+    /// `gauges.csv`; empty where the case has no gauge.
+    pub gauges: Table,
+    /// `loads.csv`; empty where the case has no load.
+    pub loads: Table,
     /// `quality.csv`
     pub quality: Table,
     /// `steps.csv`
@@ -469,8 +473,25 @@ impl Run {
         let frames = read_index(&dir.join("frames"), &mut notes);
         let mut table = |name: &str| read_table(&dir.join(name), &mut notes);
         let [energy, front, probes, quality, steps] = ["energy.csv", "front.csv", "probes.csv", "quality.csv", "steps.csv"].map(&mut table);
+        let mut asked = |name: &str| if dir.join(name).exists() { read_table(&dir.join(name), &mut notes) } else { Table::default() };
+        let [gauges, loads] = ["gauges.csv", "loads.csv"].map(&mut asked);
         let label = if provenance.method.is_empty() { folder_name(dir) } else { provenance.method.clone() };
-        Ok(Self { dir: dir.to_owned(), label, provenance, summary, outcome, frames, energy, front, probes, quality, steps, notes })
+        Ok(Self {
+            dir: dir.to_owned(),
+            label,
+            provenance,
+            summary,
+            outcome,
+            frames,
+            energy,
+            front,
+            probes,
+            gauges,
+            loads,
+            quality,
+            steps,
+            notes,
+        })
     }
 
     /// Reads several run folders and makes their labels unique.

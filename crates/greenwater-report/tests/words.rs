@@ -58,6 +58,7 @@ fn what_is_missing_is_said_to_be_missing() {
         density: Default::default(),
         energy: None,
         probes: Vec::new(),
+        loads: Vec::new(),
         wall_seconds: None,
         ..m.clone()
     };

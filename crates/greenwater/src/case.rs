@@ -15,6 +15,7 @@
 
 mod audit;
 mod error;
+mod instruments;
 mod method;
 mod particle_file;
 mod reference;
@@ -23,6 +24,7 @@ mod setup;
 mod shape;
 mod shipped;
 mod source;
+mod wall_shape;
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -33,11 +35,13 @@ pub use audit::Audit;
 pub use error::{CaseError, Choices, Place};
 pub use reference::{KeyRow, reference, schema};
 pub use sections::{
-    Compare, Domain, Fluid, Gravity, InitialPressure, Kernel, Limits, Method, Output, Precision, Probe, Reference, Sections, Time, Walls,
+    Compare, Domain, Fluid, Gauge, GaugeQuantity, Gravity, InitialPressure, Kernel, Limits, Load, Method, Output, Precision, Probe,
+    Reference, Sections, Time, Walls,
 };
-pub use setup::{AnySetup, Bounds, ComparePlan, Estimate, OutputPlan, ProbePoint, Setup};
+pub use setup::{AnySetup, Bounds, ComparePlan, Estimate, OutputPlan, Setup};
 pub use shape::Shape;
 pub use shipped::{ShippedCase, shipped_cases};
+pub use wall_shape::{WallShape, Written};
 
 use crate::scheme::{MethodName, Preset};
 use source::Source;

@@ -2,9 +2,11 @@
 
 pub mod case;
 pub mod domain;
+pub mod formula;
 pub mod kernel;
 pub mod machine;
 pub mod math;
+pub mod motion;
 pub mod neighbors;
 pub mod observe;
 pub mod output;

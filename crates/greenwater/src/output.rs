@@ -5,7 +5,8 @@
 //! - `case.toml` as written, `case.resolved.toml` with every default (and the table of particles that the case names, if any);
 //! - `provenance.json`: program, command, machine, method and its departures from print, scales of the case;
 //! - `frames/frames.pvd` and `frames/frame-*.vtp`: particles, for ParaView and everything that reads VTK files;
-//! - `energy.csv`, `front.csv`, `probes.csv` at the sampling interval, `quality.csv` at each frame, `steps.csv`;
+//! - `energy.csv`, `front.csv` at the sampling interval, `probes.csv`, `gauges.csv`, `loads.csv` at that of the instruments,
+//!   `quality.csv` at each frame, `steps.csv`;
 //! - `status.json` while it runs, `log.txt` and `events.jsonl`, `summary.json` at the end;
 //! - `DONE`, or `FAILED.json` with what went wrong.
 //!
@@ -14,6 +15,7 @@
 
 mod folder;
 mod frames;
+mod instruments;
 mod provenance;
 mod recorder;
 mod tables;

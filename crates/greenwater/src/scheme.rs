@@ -132,6 +132,8 @@ pub struct Medium<const D: usize> {
     pub floor: f64,
     /// Courant number `C` of (32), dimensionless.
     pub courant: f64,
+    /// Largest speed expected, m/s: of falling through the depth, `2 √(gH)`, of the initial state and of the walls.
+    pub speed: f64,
 }
 
 impl<const D: usize> Medium<D> {

@@ -6,6 +6,7 @@ use std::time::Instant;
 use thiserror::Error;
 
 use crate::domain::Domain;
+use crate::motion::{self, Motion};
 use crate::observe::{Observer, View};
 use crate::particles::{Kind, Particles};
 use crate::scheme::{Medium, Scheme, StepError, StepReport};
@@ -66,6 +67,7 @@ pub struct Simulation<const D: usize> {
     scheme: Box<dyn Scheme<D>>,
     fixed_step: Option<f64>,
     speed_limit: f64,
+    motions: Vec<Motion<D>>,
     step: u64,
     time: f64,
     phases: Phases,
@@ -82,7 +84,7 @@ impl<const D: usize> Simulation<D> {
         medium: &Medium<D>,
         fixed_step: Option<f64>,
     ) -> Self {
-        let initial_speed = particles.v.iter().map(|v| v.norm()).fold(0.0, f64::max);
+        let initial_speed = particles.v.iter().map(|v| v.norm()).fold(medium.speed, f64::max);
         let fall = (2.0 * medium.g() * (domain.max - domain.min).norm().max(medium.depth)).sqrt();
         Self {
             last_good: Particles::new(),
@@ -92,10 +94,17 @@ impl<const D: usize> Simulation<D> {
             fixed_step,
             // Ten times what falling through the whole domain gives: jets reach two or three times that, no more.
             speed_limit: if fall + initial_speed > 0.0 { 10.0 * (fall + initial_speed) } else { f64::INFINITY },
+            motions: Vec::new(),
             step: 0,
             time: 0.0,
             phases: Phases::default(),
         }
+    }
+
+    /// The same run with walls that move.
+    pub fn with_motions(mut self, motions: Vec<Motion<D>>) -> Self {
+        self.motions = motions;
+        self
     }
 
     /// The particles now.
@@ -137,7 +146,9 @@ impl<const D: usize> Simulation<D> {
             Some(dt) => StepLimit::new(dt, "fixed"),
             None => self.scheme.time_step(&self.particles),
         };
+        motion::set(&self.motions, &mut self.particles, self.time, limit.dt);
         let outcome = self.scheme.step(&mut self.particles, &mut self.domain, limit.dt, &mut self.phases);
+        motion::carry(&self.motions, &mut self.particles, limit.dt);
         match outcome.and_then(|report| self.check().map(|()| report)) {
             Ok(report) => {
                 self.step += 1;

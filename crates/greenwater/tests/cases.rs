@@ -396,7 +396,7 @@ fn references_are_checked_with_their_curve() {
     assert!(parse(&format!("{GOOD}{curve}")).is_ok());
     for (from, to, expected) in [
         ("\"front\"", "\"frnt\"", "`compare.reference[0].quantity` is \"frnt\""),
-        ("\"front\"", "\"probe:P9\"", "with the name of a probe"),
+        ("\"front\"", "\"probe:P9\"", "with the name of an instrument"),
         ("[1.0, 2.0]", "[0.0, 2.0]", "`compare.reference[0].points[1]` is [0.0, 2.0], but must be later than the point before it"),
         ("time_scale = 1.0", "time_scale = 0", "`compare.reference[0].time_scale` is 0, but must be > 0"),
         ("source = \"s\"\n", "", "`compare.reference[0].source` is missing: Where the values come from."),
@@ -535,6 +535,98 @@ fn a_case_cannot_read_outside_its_folder() {
         std::os::unix::fs::symlink(&secret, folder.0.join("particles.csv")).unwrap();
         let error = load(&case, &[]).unwrap().checked().unwrap_err();
         assert!(matches!(error, CaseError::OutsideFolder { .. }), "{error}");
+    }
+}
+
+#[test]
+fn formulas_give_velocity_and_pressure_at_the_start() {
+    let with = |keys: &str| parse(&GOOD.replacen("spacing = 0.1\n", &format!("spacing = 0.1\n{keys}\n"), 1));
+    let setup = two_d(with("velocity = [\"-y\", \"2*x\"]\npressure = \"100*x^2\"").unwrap());
+    for a in (0..setup.particles.owned()).filter(|&a| setup.particles.is_fluid(a)) {
+        let (x, v) = (setup.particles.x[a], setup.particles.v[a]);
+        assert_eq!((v, setup.particles.pressure[a]), (Vector([-x[1], 2.0 * x[0]]), 100.0 * x[0].powf(2.0)));
+    }
+    for (keys, expected) in [
+        (
+            "velocity = [\"q\", \"x\"]",
+            "`fluid.velocity[0]` is \"q\", but must be a formula; character 1: unknown name `q`; known: x, y, pi",
+        ),
+        ("velocity = [\"x\"]", "`fluid.velocity` is a list of 1, but must be a list of 2 formulas"),
+        ("velocity = [\"z\", 0]", "unknown name `z`"),
+        ("pressure = \"1/(x - 0.05)*0\"", "`fluid.pressure` is NaN at [0.05, 0.05] m, but must be finite at every particle"),
+        ("pressure = \"1 +\"", "character 4: the formula ends"),
+        ("pressure = true", "`fluid.pressure` has a value of the wrong type"),
+    ] {
+        let message = with(keys).unwrap_err().to_string();
+        assert!(message.contains(expected), "{keys}: {message}");
+    }
+}
+
+/// The tank of the good case with a paddle that swings beside it.
+const PADDLE: &str =
+    "shapes = [{ name = \"paddle\", velocity = [\"0.5*cos(20*t)\", \"0\"], box = { min = [1.0, 0.0], max = [1.2, 0.5] } }, { tank";
+
+#[test]
+fn walls_move_as_their_formula_says() {
+    let text = GOOD.replace("shapes = [{ tank", PADDLE).replace("end = 1.0", "end = 1.0\nstep = 0.0005");
+    let setup = two_d(parse(&text).unwrap());
+    let paddle: Vec<usize> = (0..setup.particles.owned()).filter(|&a| setup.particles.body[a] == 1).collect();
+    assert_eq!(paddle.len(), 10);
+    assert!(setup.speed >= 0.5 && setup.particles.v[paddle[0]] == Vector([0.5, 0.0]));
+    let mut simulation = setup.simulation().unwrap();
+    simulation.start().unwrap();
+    for _ in 0..100 {
+        simulation.advance().unwrap();
+        let shift = 0.5 / 20.0 * (20.0 * simulation.time()).sin();
+        for &a in &paddle {
+            // 1e-9 m: Simpson's rule over steps of a hundredth of a radian.
+            let away = simulation.particles().x[a][0] - setup.particles.x[a][0] - shift;
+            assert!(away.abs() < 1e-9, "t = {}: {away}", simulation.time());
+        }
+    }
+    let resolved = two_d(parse(&setup.resolved).unwrap());
+    assert_eq!(resolved.motions, setup.motions);
+    for (from, to, expected) in [
+        ("0.5*cos(20*t)", "x", "`walls.shapes[0].velocity[0]` is \"x\", but must be a formula; character 1: unknown name `x`; known: t"),
+        ("0.5*cos(20*t)", "1/t", "`walls.shapes[0].velocity` is not finite at some time"),
+        (
+            "velocity = [\"0.5*cos(20*t)\", \"0\"]",
+            "moves = false",
+            "`walls.shapes[0].moves` is given, but must be left out without a `velocity`",
+        ),
+        ("\"paddle\"", "\"a paddle\"", "`walls.shapes[0].name` is \"a paddle\""),
+        ("velocity", "velocty", "`walls.shapes[0]` is \"velocty\", which is unknown, did you mean `velocity`?"),
+    ] {
+        let message = parse(&text.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn instruments_are_checked() {
+    let text = format!(
+        "{}size = 0.2\nnormal = [-2.0, 0.0]\n\n[[gauge]]\nname = \"h\"\nquantity = \"elevation\"\nposition = [0.2, 0.1]\n\n\
+         [[gauge]]\nname = \"q\"\nquantity = \"flow\"\nfrom = [0.4, 0.0]\nto = [0.4, 1.0]\n\n[[load]]\nname = \"paddle\"\nwalls = [\"paddle\"]\n",
+        GOOD.replace("shapes = [{ tank", PADDLE)
+    );
+    let setup = two_d(parse(&text).unwrap());
+    assert_eq!((setup.probes[0].size, setup.gauges.len(), setup.loads[0].bodies.as_slice()), (0.2, 2, [1].as_slice()));
+    for (from, to, expected) in [
+        ("normal = [-2.0, 0.0]", "", "`probe[0].normal` is left out, but must be given for a probe with a `size`"),
+        (
+            "position = [2.0, 0.1]",
+            "position = [1.6, 1.0]",
+            "m from the nearest wall particle, but must be within 0.2600 m of a wall or of the fluid",
+        ),
+        ("[\"paddle\"]", "[\"padle\"]", "`load[0].walls[0]` is \"padle\", which is unknown, did you mean `paddle`?"),
+        ("to = [0.4, 1.0]", "to = [0.4, 0.0]", "`gauge[1].to` is [0.4, 0.0], but must be another point than `from`"),
+        ("position = [0.2, 0.1]\n", "", "`gauge[0].position` is left out, but must be given for a gauge of elevation"),
+        ("name = \"q\"", "name = \"h\"", "`gauge[1].name` is \"h\", but must be unique"),
+        ("quantity = \"flow\"", "quantity = \"flw\"", "`gauge[1].quantity` is \"flw\", which is unknown, did you mean `flow`?"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let message = parse(&text.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     }
 }
 

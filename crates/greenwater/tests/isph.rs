@@ -19,7 +19,7 @@ fn settings(tolerance: f64) -> IsphSettings {
 
 fn medium<const D: usize>(g: f64, viscosity: f64) -> Medium<D> {
     let gravity = -g * Vector::unit(D - 1);
-    Medium { rest_density: 1000.0, viscosity, gravity, spacing: SPACING, depth: 1.0, floor: 0.0, courant: 0.25 }
+    Medium { rest_density: 1000.0, viscosity, gravity, spacing: SPACING, depth: 1.0, floor: 0.0, courant: 0.25, speed: 2.0 * (gravity.norm()).sqrt() }
 }
 
 /// A particle in the middle of cell `cell`; `layer` 0 is fluid.

@@ -3,7 +3,8 @@
 use std::time::Instant;
 
 use greenwater::case::{Case, Reference, Setup};
-use greenwater::observe::{Quality, QualityMeter, energy, front, wall_pressure};
+use greenwater::math::Vector;
+use greenwater::observe::{Quality, QualityMeter, Sensor, energy, front};
 use greenwater::particles::{Kind, Particles};
 use greenwater::physics::pressure::Elasticity;
 use greenwater::scheme::{MethodName, Preset};
@@ -265,7 +266,8 @@ impl<'a> Looker<'a> {
         let density = fluid()
             .map(|a| p.density[a] / medium.rest_density)
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], s| [low.min(s), high.max(s)]);
-        let probe = greenwater::math::Vector([self.wall, medium.floor + 0.1 * medium.depth]);
+        let probe = Vector([self.wall, medium.floor + 0.1 * medium.depth]);
+        let sensor = Sensor::new("wall".to_owned(), probe, 0.0, Vector::ZERO, medium.spacing);
         let (gap, contact) = at_wall(p, self.wall, medium.floor, WALL_SHARE * medium.depth, medium.spacing);
         Sample {
             time,
@@ -274,7 +276,7 @@ impl<'a> Looker<'a> {
             quality,
             density,
             energy: if self.elasticity != Elasticity::Unknown { energy(p, &medium, self.elasticity).total() } else { f64::NAN },
-            wall_pressure: wall_pressure(p, &medium, probe),
+            wall_pressure: sensor.pressure(p, &medium),
             gap,
             contact,
         }

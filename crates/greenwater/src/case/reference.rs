@@ -9,6 +9,7 @@ use serde_json::Value;
 use super::method;
 use super::sections::Sections;
 use super::shape::Shape;
+use super::wall_shape;
 use crate::scheme::{MethodName, MethodSettings, Preset};
 
 /// A key of the case format.
@@ -36,6 +37,7 @@ pub fn reference() -> &'static [KeyRow] {
     static ROWS: LazyLock<Vec<KeyRow>> = LazyLock::new(|| {
         let mut rows = Vec::new();
         section_rows(&schema(), "", &mut rows);
+        wall_rows(&mut rows);
         shape_rows(&mut rows);
         for &name in MethodName::ALL {
             method_rows(name, &mut rows);
@@ -62,7 +64,7 @@ pub(super) fn meaning(path: &str) -> String {
         }
     }
     // `walls.shapes[].box.min` is listed as `shape.box.min`.
-    if let Some(at) = plain.find(".shapes[].") {
+    if let Some(at) = plain.find(".shapes[].").filter(|_| !reference().iter().any(|row| row.key == plain)) {
         plain = format!("shape.{}", &plain[at + ".shapes[].".len()..]);
     }
     let row = reference().iter().find(|row| row.key == plain);
@@ -74,7 +76,7 @@ fn section_rows(schema: &Value, prefix: &str, rows: &mut Vec<KeyRow>) {
     for (name, property) in properties {
         let key = format!("{prefix}{name}");
         let items = &property["items"];
-        let is_shape = items["$ref"].is_string() || items["oneOf"].is_array();
+        let is_shape = key.ends_with(".shapes");
         if property["properties"].is_object() {
             section_rows(property, &format!("{key}."), rows);
         } else if items["properties"].is_object() {
@@ -102,6 +104,14 @@ fn shape_rows(rows: &mut Vec<KeyRow>) {
                 rows.push(row(key, kind, property));
             }
         }
+    }
+}
+
+/// Keys that stand beside the shape of a wall.
+fn wall_rows(rows: &mut Vec<KeyRow>) {
+    for (name, kind, unit, rule, text) in wall_shape::key_rows() {
+        let [kind, unit, rule, text] = [kind, unit, rule, text].map(str::to_owned);
+        rows.push(KeyRow { key: format!("walls.shapes[].{name}"), kind, unit, default: String::new(), rule, text, choices: Vec::new() });
     }
 }
 
@@ -142,6 +152,7 @@ fn row(key: String, kind: String, property: &Value) -> KeyRow {
         Value::Null => String::new(),
         value => value.to_string(),
     };
+    let kind = if property["kind"].is_string() { text("kind") } else { kind };
     KeyRow { key, kind, unit: text("unit"), default, rule, text: text("description"), choices }
 }
 
@@ -210,7 +221,7 @@ mod tests {
         assert_eq!(find("method(isph-paper).solver.tolerance").map(|row| row.default.as_str()), Some("0.000001"));
         assert_eq!(find("method(wcsph).initial_density").map(|row| (row.kind.as_str(), row.choices.len())), Some(("text", 2)));
         assert_eq!(find("method(isph-paper).wall_guard").map(|row| row.choices.len()), Some(2));
-        assert_eq!(meaning("probe[3].position"), "Where it is, one number an axis. (m)");
+        assert_eq!(meaning("probe[3].position"), "Where its middle is, one number an axis. (m)");
         assert_eq!(meaning("walls.shapes[0].box.min"), "Lower corner. (m)");
     }
 

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::shape::Shape;
+use super::wall_shape::{WallShape, Written};
 use crate::kernel::KernelName;
 use crate::scheme::{MethodName, Preset};
 
@@ -21,7 +22,7 @@ pub struct Sections {
     pub dimension: u32,
     /// The liquid and where it is at the start.
     pub fluid: Fluid,
-    /// Fixed walls.
+    /// Walls, at rest or moved as told.
     #[serde(default)]
     pub walls: Walls,
     /// The method that moves the particles.
@@ -38,9 +39,15 @@ pub struct Sections {
     /// The region that counts.
     #[serde(default)]
     pub domain: Domain,
-    /// Points where the pressure is recorded.
+    /// Sensors that record the pressure.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub probe: Vec<Probe>,
+    /// Lines along which the water level or the flow is recorded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub gauge: Vec<Gauge>,
+    /// Walls on which force and moment are recorded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub load: Vec<Load>,
     /// What is written, and when.
     #[serde(default)]
     pub output: Output,
@@ -70,6 +77,16 @@ pub struct Fluid {
     /// Pressure of the fluid at t = 0; a method may compute its own instead.
     #[serde(default)]
     pub initial_pressure: InitialPressure,
+    /// Pressure of the fluid at t = 0 as a formula of the position, instead of `initial_pressure`: `"1000*9.81*(1 - y)"`. Formulas
+    /// know `+ - * / ^`, `pi` and the functions sqrt, exp, ln, sin, cos, tan, asin, acos, atan, sinh, cosh, tanh, sech, abs, floor,
+    /// round, sign, step (1 above 0, else 0), min, max, atan2 and hypot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>", extend("kind" = "formula", "unit" = "Pa", "rule" = "of x, y (and z) in m"))]
+    pub pressure: Option<Written>,
+    /// Velocity of the fluid at t = 0 as formulas of the position, one an axis: `["-y", "x"]`; left out: at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Vec<String>>", extend("kind" = "list of formulas", "unit" = "m/s", "rule" = "of x, y (and z) in m"))]
+    pub velocity: Option<Vec<Written>>,
     /// Regions filled with fluid: particles at the centres of cells of one spacing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub shapes: Vec<Shape>,
@@ -90,16 +107,17 @@ pub enum InitialPressure {
     Zero,
 }
 
-/// Fixed walls, made of particles.
+/// Walls, made of particles, at rest or moved as told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Walls {
     /// Lines of particles that make a tank.
     #[schemars(extend("rule" = "1 to 32"))]
     pub layers: u32,
-    /// Tanks and solid obstacles.
+    /// Tanks and solid obstacles. Beside its shape each may have a `name` for loads, and `velocity` and `moves` if it moves:
+    /// `{ name = "lid", velocity = ["1", "0"], moves = false, box = { ... } }`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub shapes: Vec<Shape>,
+    pub shapes: Vec<WallShape>,
 }
 
 impl Default for Walls {
@@ -192,16 +210,76 @@ pub struct Domain {
     pub max: Option<Vec<f64>>,
 }
 
-/// A point where the pressure is recorded.
+/// A sensor that records the pressure on a wall.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Probe {
     /// Its name in tables and reports.
     #[schemars(extend("rule" = "letters, digits, `.`, `_`, `-`; unique"))]
     pub name: String,
-    /// Where it is, one number an axis.
-    #[schemars(extend("unit" = "m", "rule" = "inside the domain"))]
+    /// Where its middle is, one number an axis.
+    #[schemars(extend("unit" = "m", "rule" = "inside the domain, in reach of a wall or of the fluid"))]
     pub position: Vec<f64>,
+    /// Width of the sensor: a strip in 2D, the diameter of a disc in 3D. The pressure is averaged over it; 0: a point.
+    #[serde(default)]
+    #[schemars(extend("unit" = "m", "rule" = ">= 0"))]
+    pub size: f64,
+    /// Direction in which the sensor faces; needed if it has a `size`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("rule" = "not zero"))]
+    pub normal: Option<Vec<f64>>,
+}
+
+/// A line along which the water level or the flow is recorded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Gauge {
+    /// Its name in tables and reports.
+    #[schemars(extend("rule" = "letters, digits, `.`, `_`, `-`; unique"))]
+    pub name: String,
+    /// What it records: the highest water on the line through `position` along gravity, or the flow through the line (in 3D the
+    /// rectangle) from `from` to `to`.
+    pub quantity: GaugeQuantity,
+    /// A point of the line of an elevation gauge.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("unit" = "m", "rule" = "inside the domain"))]
+    pub position: Option<Vec<f64>>,
+    /// One end of the line of a flow gauge; in 3D a corner.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("unit" = "m"))]
+    pub from: Option<Vec<f64>>,
+    /// The other end; in 3D the opposite corner, equal to `from` along the one axis across which the flow is counted. Flow is
+    /// positive along that axis; in 2D to the right of someone who walks from `from` to `to`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("unit" = "m", "rule" = "another point than `from`"))]
+    pub to: Option<Vec<f64>>,
+}
+
+/// What a gauge records.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum GaugeQuantity {
+    /// Height of the water surface above the lowest fluid at the start, m; 0 where dry.
+    Elevation,
+    /// Volume that passes in a second, m³/s (m²/s in 2D).
+    Flow,
+}
+
+/// Walls on which force and moment are recorded: all that the fluid gives them, averaged from row to row of the table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Load {
+    /// Its name in tables and reports.
+    #[schemars(extend("rule" = "letters, digits, `.`, `_`, `-`; unique"))]
+    pub name: String,
+    /// Names of the walls that count together; left out: all walls.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(extend("rule" = "names of `walls.shapes`"))]
+    pub walls: Vec<String>,
+    /// Point about which the moment is taken; left out: the origin.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("unit" = "m"))]
+    pub about: Option<Vec<f64>>,
 }
 
 /// What is written, and when.
@@ -222,10 +300,14 @@ pub struct Output {
     pub fields: Vec<String>,
     /// Number format of frames.
     pub precision: Precision,
-    /// Time between rows of the tables (probes, energies, front); 0: every step; left out: a thousandth of the run.
+    /// Time between rows of the tables of energies and fronts; 0: every step; left out: a thousandth of the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("unit" = "s", "rule" = ">= 0"))]
     pub sample_interval: Option<f64>,
+    /// Time between rows of the tables of probes, gauges and loads; 0: every step; left out: `sample_interval`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("unit" = "s", "rule" = ">= 0"))]
+    pub sensor_interval: Option<f64>,
 }
 
 impl Default for Output {
@@ -236,6 +318,7 @@ impl Default for Output {
             fields: ["velocity", "density", "pressure", "kind", "id"].map(String::from).to_vec(),
             precision: Precision::default(),
             sample_interval: None,
+            sensor_interval: None,
         }
     }
 }
@@ -300,7 +383,7 @@ pub struct Reference {
     /// Its name in the legend.
     pub name: String,
     /// What was measured.
-    #[schemars(extend("rule" = "\"front\", \"residual_height\" or \"probe:NAME\""))]
+    #[schemars(extend("rule" = "\"front\", \"residual_height\", \"probe:NAME\", \"gauge:NAME\" or \"load:NAME.fx\""))]
     pub quantity: String,
     /// Where the values come from.
     pub source: String,

@@ -6,6 +6,7 @@ use serde::Serialize;
 use toml::Value;
 
 use super::error::{CaseError, Choices};
+use super::instruments::{self, InitialFields};
 use super::method;
 use super::particle_file;
 use super::sections::{InitialPressure, Kernel, Precision, Reference, Sections, Time};
@@ -15,6 +16,8 @@ use crate::domain::Domain;
 use crate::kernel::KernelName;
 use crate::machine::memory;
 use crate::math::Vector;
+use crate::motion::Motion;
+use crate::observe::{Gauge, Load, Sensor};
 use crate::particles::{Kind, Particle, Particles, field_table};
 use crate::poisson::SolveError;
 use crate::scheme::{Medium, MethodName, MethodSettings, Preset, Still};
@@ -57,8 +60,16 @@ pub struct Setup<const D: usize> {
     pub time: Time,
     /// The region that counts.
     pub bounds: Bounds<D>,
-    /// Points where the pressure is recorded.
-    pub probes: Vec<ProbePoint<D>>,
+    /// Walls that move.
+    pub motions: Vec<Motion<D>>,
+    /// Largest speed expected, m/s: of falling through the depth, of the initial state and of the walls.
+    pub speed: f64,
+    /// Sensors that record the pressure.
+    pub probes: Vec<Sensor<D>>,
+    /// Lines along which the water level or the flow is recorded.
+    pub gauges: Vec<Gauge<D>>,
+    /// Walls on which force and moment are recorded.
+    pub loads: Vec<Load<D>>,
     /// What is written, and when.
     pub output: OutputPlan,
     /// What `compare` runs and plots.
@@ -84,15 +95,6 @@ pub struct Bounds<const D: usize> {
     pub periodic: [bool; D],
 }
 
-/// A point where the pressure is recorded.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ProbePoint<const D: usize> {
-    /// Its name in tables and reports.
-    pub name: String,
-    /// Where it is, m.
-    pub position: Vector<D>,
-}
-
 /// What is written, and when.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputPlan {
@@ -104,6 +106,8 @@ pub struct OutputPlan {
     pub precision: Precision,
     /// Time between rows of tables, s; 0: every step.
     pub sample_interval: f64,
+    /// Time between rows of the tables of probes, gauges and loads, s; 0: every step.
+    pub sensor_interval: f64,
 }
 
 /// What `compare` runs and plots.
@@ -175,7 +179,10 @@ impl<const D: usize> Setup<D> {
         let h = ratio * dx;
 
         let fluid = regions::<D>(&s.fluid.shapes, "fluid.shapes", source)?;
-        let walls = regions::<D>(&s.walls.shapes, "walls.shapes", source)?;
+        let wall_shapes: Vec<Shape> = s.walls.shapes.iter().map(|wall| wall.shape.clone()).collect();
+        let walls = regions::<D>(&wall_shapes, "walls.shapes", source)?;
+        let motions = instruments::motions::<D>(s, source)?;
+        let initial = InitialFields::checked::<D>(&s.fluid, source)?;
         let shapes_or_file = fluid.is_empty() == s.fluid.from_file.is_some();
         source.rule(shapes_or_file, "fluid.shapes", format!("a list of {}", fluid.len()), "given, or `fluid.from_file`, and not both")?;
 
@@ -219,12 +226,35 @@ impl<const D: usize> Setup<D> {
                 row.particle.pressure = density * g * (top - row.particle.x.dot(up));
             }
         }
+        for row in bodies.rows.iter_mut().filter(|row| row.table_id.is_none() && row.particle.kind == Kind::Fluid) {
+            let particle = &mut row.particle;
+            particle.v = initial.velocity(particle.x, source)?.unwrap_or(particle.v);
+            particle.pressure = initial.pressure(particle.x, source)?.unwrap_or(particle.pressure);
+        }
+        for motion in &motions {
+            let own = |row: &&mut Row<D>| row.wall == motion.body;
+            bodies.rows.iter_mut().filter(own).for_each(|row| row.particle.v = motion.at(0.0));
+        }
         let fluid_volume = bodies.rows.iter().filter(is_fluid).map(|row| row.particle.mass / row.particle.density).sum();
         let fastest = bodies.rows.iter().map(|row| row.particle.v.norm()).fold(0.0, f64::max);
+        let fastest = motions.iter().map(|motion| motion.fastest(s.time.end)).fold(fastest, f64::max);
+        let speed = fastest.max(2.0 * (g * depth).sqrt());
         let particles = bodies.into_particles(source)?;
 
         let bounds = bounds(s, kernel.radius(), &particles, fluid_box, up, source)?;
-        let probes = probes(s, &bounds, source)?;
+        let medium = Medium {
+            rest_density: density,
+            viscosity: s.fluid.viscosity,
+            gravity,
+            spacing: dx,
+            depth,
+            floor,
+            courant: s.time.courant,
+            speed,
+        };
+        let probes = instruments::sensors(s, &bounds, &particles, &medium, source)?;
+        let gauges = instruments::gauges(s, &bounds, dx, source)?;
+        let loads = instruments::loads(s, source)?;
         let compare = compare_plan(s, source)?;
         let output = output_plan(s, &compare, source)?;
 
@@ -253,6 +283,7 @@ impl<const D: usize> Setup<D> {
         s.domain.max = Some(bounds.max.0.to_vec());
         s.output.interval = frame_interval(s);
         s.output.sample_interval = Some(output.sample_interval);
+        s.output.sensor_interval = Some(output.sensor_interval);
         s.compare.times = Some(compare.times.clone());
         s.limits.memory_gib = Some(limits.memory_gib);
         s.kernel = Kernel { name: Some(kernel), h_over_spacing: Some(ratio) };
@@ -279,7 +310,11 @@ impl<const D: usize> Setup<D> {
             method,
             time: sections.time,
             bounds,
+            motions,
+            speed,
             probes,
+            gauges,
+            loads,
             output,
             compare,
             particle_file,
@@ -299,6 +334,7 @@ impl<const D: usize> Setup<D> {
             depth: self.depth,
             floor: self.floor,
             courant: self.time.courant,
+            speed: self.speed,
         }
     }
 
@@ -337,7 +373,8 @@ impl Setup<3> {
 fn put_together<const D: usize>(setup: &Setup<D>) -> Result<Simulation<D>, SolveError> {
     let medium = setup.medium();
     let scheme = setup.method.scheme(setup.kernel, medium)?;
-    Ok(Simulation::new(setup.particles.clone(), setup.domain(), scheme, &medium, setup.time.step))
+    let simulation = Simulation::new(setup.particles.clone(), setup.domain(), scheme, &medium, setup.time.step);
+    Ok(simulation.with_motions(setup.motions.clone()))
 }
 
 /// A checked case in the dimension it was written for.
@@ -670,24 +707,6 @@ fn bounds<const D: usize>(
     Ok(Bounds { min, max, periodic })
 }
 
-fn probes<const D: usize>(s: &Sections, bounds: &Bounds<D>, source: &Source) -> Result<Vec<ProbePoint<D>>, CaseError> {
-    let mut probes: Vec<ProbePoint<D>> = Vec::new();
-    for (i, probe) in s.probe.iter().enumerate() {
-        let (name_key, key) = (format!("probe[{i}].name"), format!("probe[{i}].position"));
-        let plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
-        let named = !probe.name.is_empty() && probe.name.chars().all(plain);
-        source.rule(named, &name_key, format!("{:?}", probe.name), "letters, digits, `.`, `_` and `-`")?;
-        let unique = probes.iter().all(|other| other.name != probe.name);
-        source.rule(unique, &name_key, format!("{:?}", probe.name), "unique; another probe has this name")?;
-        let position: Vector<D> = vector(&probe.position, &key, source)?;
-        let within = (0..D).all(|d| (bounds.min[d]..=bounds.max[d]).contains(&position[d]));
-        let rule = format!("inside the domain, {:?} to {:?} m", bounds.min.0, bounds.max.0);
-        source.rule(within, &key, format!("{:?}", position.0), rule)?;
-        probes.push(ProbePoint { name: probe.name.clone(), position });
-    }
-    Ok(probes)
-}
-
 fn compare_plan(s: &Sections, source: &Source) -> Result<ComparePlan, CaseError> {
     let mut methods = Vec::new();
     source.rule(!s.compare.methods.is_empty(), "compare.methods", "an empty list", "at least one method")?;
@@ -710,9 +729,15 @@ fn compare_plan(s: &Sections, source: &Source) -> Result<ComparePlan, CaseError>
         let key = |name: &str| format!("compare.reference[{i}].{name}");
         let known = match curve.quantity.strip_prefix("probe:") {
             Some(name) => s.probe.iter().any(|probe| probe.name == name),
-            None => ["front", "residual_height"].contains(&curve.quantity.as_str()),
+            None => match (curve.quantity.strip_prefix("gauge:"), curve.quantity.strip_prefix("load:")) {
+                (Some(name), _) => s.gauge.iter().any(|gauge| gauge.name == name),
+                (_, Some(column)) => {
+                    s.load.iter().any(|load| column.strip_prefix(load.name.as_str()).is_some_and(|rest| rest.starts_with('.')))
+                }
+                _ => ["front", "residual_height"].contains(&curve.quantity.as_str()),
+            },
         };
-        let rule = "\"front\", \"residual_height\" or \"probe:NAME\" with the name of a probe";
+        let rule = "\"front\", \"residual_height\", \"probe:NAME\", \"gauge:NAME\" or \"load:NAME.fx\" with the name of an instrument";
         source.rule(known, &key("quantity"), format!("{:?}", curve.quantity), rule)?;
         source.rule(curve.time_scale > 0.0, &key("time_scale"), curve.time_scale, "> 0")?;
         source.rule(curve.value_scale > 0.0, &key("value_scale"), curve.value_scale, "> 0")?;
@@ -777,7 +802,9 @@ fn output_plan(s: &Sections, compare: &ComparePlan, source: &Source) -> Result<O
     }
     let sample_interval = s.output.sample_interval.unwrap_or(1e-3 * end);
     source.rule(sample_interval >= 0.0, "output.sample_interval", sample_interval, ">= 0")?;
-    Ok(OutputPlan { frame_times, fields, precision: s.output.precision, sample_interval })
+    let sensor_interval = s.output.sensor_interval.unwrap_or(sample_interval);
+    source.rule(sensor_interval >= 0.0, "output.sensor_interval", sensor_interval, ">= 0")?;
+    Ok(OutputPlan { frame_times, fields, precision: s.output.precision, sample_interval, sensor_interval })
 }
 
 /// Bytes of one particle in one frame before compression: three numbers for positions and vectors, one for the rest.

@@ -81,6 +81,9 @@ pub enum Shape {
     },
 }
 
+/// Names of the shapes, as written.
+pub(super) const SHAPE_NAMES: [&str; 7] = ["box", "polygon", "circle", "sphere", "cylinder", "difference", "tank"];
+
 /// A checked [`Shape`] in `D` dimensions.
 #[derive(Clone, Debug)]
 pub(super) enum Region<const D: usize> {

@@ -10,10 +10,11 @@ use serde_json::{Value, json};
 
 use super::folder::{Existing, OutputError, RunFolder};
 use super::frames::Frames;
+use super::instruments::Instruments;
 use super::provenance::provenance;
 use super::tables::{Cell, Table};
 use crate::case::Setup;
-use crate::observe::{Energy, Front, Observer, Quality, QualityMeter, View, energy, front, wall_pressure};
+use crate::observe::{Energy, Front, Observer, Quality, QualityMeter, View, energy, front};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
 use crate::scheme::{Medium, StepError};
@@ -128,7 +129,7 @@ pub struct Recorder<'a, const D: usize> {
     frames: Frames<D>,
     energy: Table,
     front: Table,
-    probes: Option<Table>,
+    instruments: Instruments<D>,
     quality: Table,
     steps: Table,
     log: Table,
@@ -213,7 +214,6 @@ impl<'a, const D: usize> Recorder<'a, D> {
         let table = |name: &str, header: &str| Table::create(&folder, name, header).map_err(|e| folder.error(name, e));
         let joule = if D == 2 { "J/m" } else { "J" };
         let energy = ["kinetic", "potential", "elastic", "total"].map(|part| format!("{part} [{joule}]")).join(",");
-        let probe_names: String = setup.probes.iter().map(|probe| format!(",{} [Pa]", probe.name)).collect();
         let p = &setup.particles;
         let back = (0..p.owned()).filter(|&a| p.is_fluid(a)).map(|a| p.x[a][0]).fold(f64::INFINITY, f64::min) - 0.5 * setup.spacing;
         let mut recorder = Self {
@@ -222,7 +222,7 @@ impl<'a, const D: usize> Recorder<'a, D> {
             frames: Frames::new(&setup.output.fields, setup.output.precision, setup.output.frame_times.clone()),
             energy: table("energy.csv", &format!("time [s],{energy}"))?,
             front: table("front.csv", "time [s],front [m],residual_height [m]")?,
-            probes: if setup.probes.is_empty() { None } else { Some(table("probes.csv", &format!("time [s]{probe_names}"))?) },
+            instruments: Instruments::create(setup, table)?,
             quality: table(
                 "quality.csv",
                 "time [s],pressure_noise [1],density_p01 [1],density_p99 [1],density_mean [1],volume_error [1],lost_particles [1]",
@@ -303,9 +303,7 @@ impl<'a, const D: usize> Recorder<'a, D> {
         for table in [&mut self.energy, &mut self.front, &mut self.quality, &mut self.steps, &mut self.log, &mut self.events] {
             table.flush()?;
         }
-        if let Some(probes) = &mut self.probes {
-            probes.flush()?;
-        }
+        self.instruments.flush()?;
         self.write_status(state, true)?;
         self.folder.write(name, bytes)
     }
@@ -328,10 +326,6 @@ impl<'a, const D: usize> Recorder<'a, D> {
         self.energies = Some([first, total, highest.max(total)]);
         let Front { front, residual_height } = front(view.particles, &self.medium, self.back);
         self.front.numbers([view.time, front, residual_height])?;
-        if let Some(table) = &mut self.probes {
-            let pressures = self.setup.probes.iter().map(|probe| wall_pressure(view.particles, &self.medium, probe.position));
-            table.numbers(std::iter::once(view.time).chain(pressures))?;
-        }
         let interval = self.setup.output.sample_interval;
         if interval > 0.0 {
             self.next_sample = interval * ((view.time / interval).floor() + 1.0);
@@ -357,9 +351,7 @@ impl<'a, const D: usize> Recorder<'a, D> {
         for table in [&mut self.energy, &mut self.front, &mut self.quality, &mut self.steps, &mut self.log, &mut self.events] {
             table.flush()?;
         }
-        if let Some(probes) = &mut self.probes {
-            probes.flush()?;
-        }
+        self.instruments.flush()?;
         self.write_status("running", false)
     }
 
@@ -453,6 +445,7 @@ impl<const D: usize> Observer<D> for Recorder<'_, D> {
         if view.time >= self.next_sample {
             self.sample(view)?;
         }
+        self.instruments.observe(self.setup, &self.medium, view)?;
         if self.frames.due(view.time) {
             self.frame(view)?;
         }
@@ -465,6 +458,7 @@ impl<const D: usize> Observer<D> for Recorder<'_, D> {
         if self.last.sampled != Some(view.step) {
             self.sample(view)?;
         }
+        self.instruments.finish(self.setup, &self.medium, view)?;
         if self.last.framed != Some(view.step) {
             self.frame(view)?;
         }

@@ -628,6 +628,7 @@ mod tests {
             depth: 1.0,
             floor: 0.0,
             courant: 0.25,
+            speed: 6.3,
         };
         let mut domain = Domain::new(Vector([-5.0, -5.0]), Vector([5.0, 5.0]), [false; 2]);
         let mut method = IsphPaper::new(CubicSpline, medium, IsphPaperSettings::preset(Preset::Water)).unwrap();

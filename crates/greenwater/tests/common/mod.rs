@@ -190,7 +190,16 @@ impl<const D: usize> Flow<D> {
 pub fn medium<const D: usize>(viscosity: f64) -> Medium<D> {
     let mut gravity = [0.0; D];
     gravity[D - 1] = -9.81;
-    Medium { rest_density: 1000.0, viscosity, gravity: Vector(gravity), spacing: SPACING, depth: 0.8, floor: -0.05, courant: 0.25 }
+    Medium {
+        rest_density: 1000.0,
+        viscosity,
+        gravity: Vector(gravity),
+        spacing: SPACING,
+        depth: 0.8,
+        floor: -0.05,
+        courant: 0.25,
+        speed: 0.0,
+    }
 }
 
 pub fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
