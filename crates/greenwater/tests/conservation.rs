@@ -21,8 +21,8 @@ fn incompressible<const D: usize>(medium: &Medium<D>) -> Box<dyn Scheme<D>> {
     Box::new(IsphPaper::new(CubicSpline, *medium, settings).unwrap())
 }
 
-fn started<const D: usize>(flow: &Flow<D>, medium: &Medium<D>, scheme: Box<dyn Scheme<D>>) -> Simulation<D> {
-    let mut simulation = flow.simulation(scheme, medium, 1e-4);
+fn started<const D: usize>(flow: &Flow<D>, medium: &Medium<D>, scheme: Box<dyn Scheme<D>>, dt: f64) -> Simulation<D> {
+    let mut simulation = flow.simulation(scheme, medium, dt);
     simulation.start().unwrap();
     simulation
 }
@@ -83,12 +83,12 @@ fn forces_of_isph_pairs_cancel_without_surface_ghosts() {
 }
 
 /// Momentum of a falling drop after 100 steps less that of the start and of gravity, over the sum of `m |v|`.
-fn momentum_error(scheme: fn(&Medium<2>) -> Box<dyn Scheme<2>>) -> f64 {
+fn momentum_error(scheme: fn(&Medium<2>) -> Box<dyn Scheme<2>>, dt: f64) -> f64 {
     let mut flow = Flow::<2>::disordered(35, [16, 16], false, 1000.0);
     let radius = 8.0 * SPACING;
     flow.bodies.retain(|b| (b.x[0] - radius).hypot(b.x[1] - radius) < radius);
     let medium = medium(1.0);
-    let mut simulation = started(&flow, &medium, scheme(&medium));
+    let mut simulation = started(&flow, &medium, scheme(&medium), dt);
     let momentum = |p: &Particles<2>| {
         let mut sum = [0.0; 2];
         (0..p.owned()).for_each(|a| (0..2).for_each(|d| sum[d] += p.mass[a] * p.v[a][d]));
@@ -105,11 +105,12 @@ fn momentum_error(scheme: fn(&Medium<2>) -> Box<dyn Scheme<2>>) -> f64 {
     lost(0).max(lost(1)) / size
 }
 
-/// `1e-12`: 100 steps of the round-off above.
+/// `1e-12`: 100 steps of the round-off above. Each method at a step of its own size: (31) answers the disorder of the start with
+/// speeds of `δ/Δt`.
 #[test]
 fn a_falling_drop_keeps_its_momentum() {
-    for (name, scheme) in [("wcsph", explicit as fn(&Medium<2>) -> _), ("isph-paper", incompressible)] {
-        let error = momentum_error(scheme);
+    for (name, scheme, dt) in [("wcsph", explicit as fn(&Medium<2>) -> _, 1e-4), ("isph-paper", incompressible, 2e-3)] {
+        let error = momentum_error(scheme, dt);
         assert!(error < 1e-12, "{name}: momentum off by {error:.1e}");
     }
 }

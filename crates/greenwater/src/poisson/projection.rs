@@ -14,10 +14,13 @@ pub struct Workspace {
 /// Jacobi-preconditioned conjugate gradients for `A x = b` from `x = 0`: at most `iterations`, fewer once the residual in the
 /// norm of the preconditioner has fallen to `tolerance` of that of `b`. Returns the number of iterations done.
 ///
+/// `level` takes off a vector what `x` may not have, such as the mean where only differences count: an orthogonal projection.
+///
 /// For corrections where a truncated solve is what is wanted: no error if the tolerance is not reached. `apply(q, aq)` sets
 /// `aq = A q` for a symmetric positive semidefinite `A`; `diagonal` is positive.
 pub fn iterate(
     mut apply: impl FnMut(&[f64], &mut [f64]),
+    mut level: impl FnMut(&mut [f64]),
     diagonal: &[f64],
     b: &[f64],
     x: &mut [f64],
@@ -29,7 +32,9 @@ pub fn iterate(
     work.r.clear();
     work.r.extend_from_slice(b);
     work.z.clear();
-    work.z.extend(b.iter().zip(diagonal).map(|(b, d)| b / d));
+    level(&mut work.r);
+    work.z.extend(work.r.iter().zip(diagonal).map(|(r, d)| r / d));
+    level(&mut work.z);
     work.q.clone_from(&work.z);
     work.aq.resize(n, 0.0);
     let mut rz = dot(&work.r, &work.z);
@@ -39,6 +44,7 @@ pub fn iterate(
             return done;
         }
         apply(&work.q, &mut work.aq);
+        level(&mut work.aq);
         let curvature = dot(&work.q, &work.aq);
         if curvature.is_nan() || curvature <= 0.0 {
             return done;
@@ -49,6 +55,7 @@ pub fn iterate(
             work.r[i] -= step * work.aq[i];
             work.z[i] = work.r[i] / diagonal[i];
         }
+        level(&mut work.z);
         let next = sum(n, |i| work.r[i] * work.z[i]);
         let keep = next / rz;
         rz = next;
@@ -73,7 +80,7 @@ mod tests {
             }
         };
         let (b, mut x) = (vec![1.0; 9], vec![0.0; 9]);
-        iterate(apply, &[2.0; 9], &b, &mut x, (1e-14, 50), &mut Workspace::default());
+        iterate(apply, |_| (), &[2.0; 9], &b, &mut x, (1e-14, 50), &mut Workspace::default());
         for (i, x) in x.iter().enumerate() {
             let s = (i + 1) as f64;
             // The exact solution of -u'' = 1 on the lattice: s (10 - s)/2.

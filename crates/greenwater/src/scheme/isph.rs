@@ -296,7 +296,8 @@ impl<const D: usize> Flow<D> {
         self.source = source;
         let owned = p.owned();
         let whole_is_closed = !self.pull.iter().any(|&s| s > 0.0);
-        if whole_is_closed || self.closure.parts {
+        self.closure.active = whole_is_closed || self.closure.parts;
+        if self.closure.active {
             self.closure.find(p, domain, &self.near, &self.pull, whole_is_closed);
             self.closure.level(&mut self.source);
         }
@@ -309,14 +310,14 @@ impl<const D: usize> Flow<D> {
                 self.pull.iter_mut().for_each(|s| *s = s.max(0.0));
                 self.fill_matrix(p, domain);
                 if !whole_is_closed && self.closure.find(p, domain, &self.near, &self.pull, false) {
-                    self.closure.parts = true;
+                    (self.closure.parts, self.closure.active) = (true, true);
                     self.closure.level(&mut self.source);
                 }
                 self.solution[..owned].fill(0.0);
                 self.solver.solve(&self.matrix, &self.source, &mut self.solution[..owned])?
             }
         };
-        if whole_is_closed || self.closure.parts {
+        if self.closure.active {
             self.closure.level(&mut self.solution[..owned]);
         }
         domain.refresh_column(&mut self.solution);
@@ -347,6 +348,7 @@ impl<const D: usize> Flow<D> {
         let mut work = std::mem::take(&mut self.work);
         let mut gradient = std::mem::take(&mut self.gradient);
         let mut with_ghosts = std::mem::take(&mut self.with_ghosts);
+        let mut closure = std::mem::take(&mut self.closure);
         q.resize(owned, 0.0);
         with_ghosts.resize(p.len(), 0.0);
         gradient.resize(p.len(), Vector::ZERO);
@@ -363,6 +365,13 @@ impl<const D: usize> Flow<D> {
                 apply_gradient(q, &mut gradient);
                 sweep(aq, |a| if p.is_fluid(a) { -this.divergence(&gradient, a) } else { 0.0 });
             },
+            // A constant potential means nothing where there is no surface, but its gradient is that of the packing, and would take
+            // the velocity that made it for divergence.
+            |column| {
+                if closure.active {
+                    closure.level(column);
+                }
+            },
             &this.exact_diagonal,
             &this.source,
             q,
@@ -371,7 +380,7 @@ impl<const D: usize> Flow<D> {
             &mut work,
         );
         apply_gradient(q, &mut gradient);
-        (self.work, self.gradient, self.with_ghosts) = (work, gradient, with_ghosts);
+        (self.work, self.gradient, self.with_ghosts, self.closure) = (work, gradient, with_ghosts, closure);
     }
 
     /// `|Σ V ∇W|² + Σ f² r²` over fluid: the diagonal of `−D G`.

@@ -9,6 +9,8 @@ use crate::particles::{Kind, Particles};
 pub(super) struct Closure {
     /// Parts were found once: they are looked for in every step.
     pub(super) parts: bool,
+    /// Some fluid touches no surface in this step.
+    pub(super) active: bool,
     /// Part of each row.
     part: Vec<u32>,
     /// Sum and number of each part.
