@@ -171,8 +171,11 @@ impl<const D: usize> Arrangement<D> {
             if length > 0.0 {
                 self.inwards = inwards / length;
                 self.depth = (length / weight + 0.5 * l.spacing).clamp(0.5 * l.spacing, 2.5 * l.spacing);
-                // Only the slope towards the surface is the surface's doing.
-                let explained = l.missing(self.slope.dot(self.inwards).max(0.0));
+                // Only the slope towards the surface is the surface's doing. At the waterline less slope goes with what is missing
+                // than in the rows of a flat surface; there the ratio of row 0, the largest, keeps still water from being moved.
+                let slope = self.slope.dot(self.inwards).max(0.0);
+                let at_walls = slope * l.missing(l.slope_row[0]) / l.slope_row[0];
+                let explained = if self.off_walls == Vector::ZERO { l.missing(slope) } else { at_walls };
                 self.deficit = (1.0 - explained - self.filling).max(0.0) * self.may_be_foam;
             }
         }

@@ -158,9 +158,12 @@ impl Settings for IsphShiftSettings {
     const KERNEL: (KernelName, f64) = IsphSettings::KERNEL;
     const STEP_COST: f64 = IsphSettings::STEP_COST;
 
-    /// No free surface, no dissipation but that of the fluid.
+    /// No free surface, no dissipation but that of the fluid, no clean-up: a smooth potential of the exact projection has a gradient
+    /// `2 q C`, and without a surface to end at it takes flow that strains the packing for divergence.
     fn preset(preset: Preset) -> Self {
-        Self(IsphSettings { free_surface: FreeSurface::None, dissipation: 0.0, ..IsphSettings::preset(preset) })
+        let full =
+            IsphSettings { free_surface: FreeSurface::None, dissipation: 0.0, velocity_iterations: 0, ..IsphSettings::preset(preset) };
+        Self(full)
     }
 
     fn preset_name(&self) -> Preset {
