@@ -210,7 +210,7 @@ fn overrides_change_the_case_and_are_named_in_errors() {
     assert_eq!((setup.spacing, setup.output.precision, setup.probes[0].name.as_str()), (0.01875, Precision::Float32, "edge"));
     assert_eq!(setup.estimate.fluid, 3200);
     let alpha = load("dam-break", &[("method.alpha", "0.07")]).unwrap().checked().unwrap();
-    assert!(matches!(alpha.method(), MethodSettings::Wcsph(settings) if settings.alpha == 0.07));
+    assert!(matches!(alpha.method(), MethodSettings::DeltaSph(settings) if settings.alpha == 0.07));
 
     let message = |key, value| load("dam-break", &[(key, value)]).and_then(|case| case.checked()).unwrap_err().to_string();
     assert!(message("fluid.spacin", "0.02").starts_with("--set fluid.spacin=0.02: unknown key `fluid.spacin`, did you mean `spacing`?"));
@@ -224,7 +224,7 @@ fn overrides_change_the_case_and_are_named_in_errors() {
 
 #[test]
 fn a_method_brings_its_own_keys() {
-    let text = format!("{GOOD}\n[method]\npreset = \"paper\"\nalpha = 0.5\n");
+    let text = format!("{GOOD}\n[method]\nname = \"wcsph\"\npreset = \"paper\"\nalpha = 0.5\n");
     let case = Case::parse("dam.toml", text, None, &[]).unwrap();
     let settings = |case: Case| case.checked().unwrap().method().clone();
     assert!(
@@ -239,7 +239,7 @@ fn a_method_brings_its_own_keys() {
 /// `--method isph-paper --set method.eta=0.2` is about `isph-paper`, whatever method the file names.
 #[test]
 fn overrides_are_for_the_method_that_was_asked_for() {
-    let text = format!("{GOOD}\n[method]\npreset = \"paper\"\nalpha = 0.5\n");
+    let text = format!("{GOOD}\n[method]\nname = \"wcsph\"\npreset = \"paper\"\nalpha = 0.5\n");
     let with = |overrides: &[(&str, &str)]| {
         let overrides: Vec<(String, String)> = overrides.iter().map(|(key, value)| (key.to_string(), value.to_string())).collect();
         let case = Case::parse("dam.toml", text.clone(), None, &overrides).unwrap();

@@ -372,7 +372,7 @@ pub struct Compare {
 
 impl Default for Compare {
     fn default() -> Self {
-        Self { methods: vec!["wcsph".into(), "isph-paper".into()], times: None, reference: Vec::new() }
+        Self { methods: ["wcsph", "isph-paper", "delta-sph", "isph"].map(String::from).to_vec(), times: None, reference: Vec::new() }
     }
 }
 
@@ -415,5 +415,5 @@ fn default_courant() -> f64 {
 }
 
 fn default_method() -> MethodName {
-    MethodName::Wcsph
+    MethodName::DeltaSph
 }

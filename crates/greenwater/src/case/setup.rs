@@ -220,7 +220,6 @@ impl<const D: usize> Setup<D> {
         let top = highest(fluid_box, up);
         let floor = -highest(fluid_box, -up);
         let depth = top - floor;
-        method.resolve(&Still { g, depth, floor, spacing: dx, from_file: s.fluid.from_file.is_some() });
         if s.fluid.initial_pressure == InitialPressure::Hydrostatic {
             for row in bodies.rows.iter_mut().filter(|row| row.table_id.is_none() && row.particle.kind == Kind::Fluid) {
                 row.particle.pressure = density * g * (top - row.particle.x.dot(up));
@@ -235,10 +234,11 @@ impl<const D: usize> Setup<D> {
             let own = |row: &&mut Row<D>| row.wall == motion.body;
             bodies.rows.iter_mut().filter(own).for_each(|row| row.particle.v = motion.at(0.0));
         }
-        let fluid_volume = bodies.rows.iter().filter(is_fluid).map(|row| row.particle.mass / row.particle.density).sum();
         let fastest = bodies.rows.iter().map(|row| row.particle.v.norm()).fold(0.0, f64::max);
         let fastest = motions.iter().map(|motion| motion.fastest(s.time.end)).fold(fastest, f64::max);
         let speed = fastest.max(2.0 * (g * depth).sqrt());
+        method.resolve(&Still { g, depth, floor, speed, spacing: dx, from_file: s.fluid.from_file.is_some() });
+        let fluid_volume = bodies.rows.iter().filter(is_fluid).map(|row| row.particle.mass / row.particle.density).sum();
         let particles = bodies.into_particles(source)?;
 
         let bounds = bounds(s, kernel.radius(), &particles, fluid_box, up, source)?;

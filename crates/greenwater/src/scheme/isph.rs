@@ -234,6 +234,21 @@ impl<const D: usize> Flow<D> {
         total
     }
 
+    /// What the projections are to remove of `D v` at `a`, 1/s. A wall does not pull on a free surface: there it counts only where
+    /// fluid nears it, else a jet that passes the end of a wall would be drawn around it.
+    fn divergence_to_remove(&self, p: &Particles<D>, a: usize, dt: f64) -> f64 {
+        let at = &self.at[a];
+        if at.place != Place::Surface || at.off_walls == Vector::ZERO {
+            return at.resisted(self.divergence(&self.v, a), dt);
+        }
+        let (mut of_fluid, mut of_walls) = (0.0, 0.0);
+        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+            let term = f * (self.v[b] - self.v[a]).dot(x_ab);
+            if p.is_fluid(b) { of_fluid -= term } else { of_walls -= term }
+        });
+        at.resisted(of_fluid + of_walls.min(0.0), dt)
+    }
+
     /// `G q` at `a`, for `q` that is zero on walls: the negative adjoint of [`divergence`](Self::divergence) with resting walls.
     fn adjoint_gradient(&self, q: &[f64], a: usize) -> Vector<D> {
         let mut total = Vector::ZERO;
@@ -291,7 +306,7 @@ impl<const D: usize> Flow<D> {
                     }
                 });
             }
-            walls - rest / dt * self.at[a].resisted(self.divergence(&self.v, a), dt)
+            walls - rest / dt * self.divergence_to_remove(p, a, dt)
         });
         self.source = source;
         let owned = p.owned();
@@ -410,7 +425,7 @@ impl<const D: usize> Flow<D> {
         domain.refresh_column(&mut self.v);
         if self.settings.velocity_iterations > 0 {
             let mut source = std::mem::take(&mut self.source);
-            sweep(&mut source, |a| if p.is_fluid(a) { -self.at[a].resisted(self.divergence(&self.v, a), dt) } else { 0.0 });
+            sweep(&mut source, |a| if p.is_fluid(a) { -self.divergence_to_remove(p, a, dt) } else { 0.0 });
             self.source = source;
             let mut q = std::mem::take(&mut self.cleaning);
             self.exact_projection(p, domain, self.settings.velocity_iterations, &mut q);

@@ -65,6 +65,8 @@ pub struct Still {
     pub depth: f64,
     /// Lowest point of the fluid along the direction against gravity, m.
     pub floor: f64,
+    /// Largest speed expected, m/s: as [`Medium::speed`].
+    pub speed: f64,
     /// Particle spacing, m.
     pub spacing: f64,
     /// Whether the particles come from a file.

@@ -219,18 +219,19 @@ impl Settings for WcsphSettings {
         self.initial_density.get_or_insert(given);
         let depth = *self.depth.get_or_insert(still.depth);
         self.floor.get_or_insert(still.floor);
-        self.wall_strength.get_or_insert(5.0 * still.g * depth);
+        self.wall_strength.get_or_insert(5.0 * depth * scale(still.g, depth, still.speed));
         self.wall_range.get_or_insert(still.spacing);
     }
 
-    fn sound_speed(&self, g: f64, depth: f64, _fastest: f64) -> f64 {
-        (self.stiffness * g * self.depth.unwrap_or(depth)).sqrt()
+    fn sound_speed(&self, g: f64, depth: f64, fastest: f64) -> f64 {
+        let depth = self.depth.unwrap_or(depth);
+        (self.stiffness * scale(g, depth, fastest) * depth).sqrt()
     }
 
     fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
         if self.equation_of_state == EquationOfState::Constant {
             let depth = self.depth.unwrap_or(medium.depth);
-            Elasticity::Tait(self.stiffness * medium.rest_density * medium.g() * depth / f64::from(GAMMA))
+            Elasticity::Tait(self.stiffness * medium.rest_density * scale(medium.g(), depth, medium.speed) * depth / f64::from(GAMMA))
         } else {
             Elasticity::Unknown
         }
@@ -239,6 +240,12 @@ impl Settings for WcsphSettings {
     fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
         Ok(Box::new(Wcsph::new(kernel, medium, self.clone())))
     }
+}
+
+/// The `g` of (26) and (34), m/s². Without gravity, where the paper gives none: what makes `2 sqrt(g H)`, the greatest speed of a dam
+/// break, the greatest speed `speed` at the start, m/s.
+fn scale(g: f64, depth: f64, speed: f64) -> f64 {
+    if g > 0.0 { g } else { 0.25 * speed * speed / depth }
 }
 
 /// The explicit method of the paper: equations (13)-(15), (20)-(28) and (32), walls by (33)-(34).
@@ -269,7 +276,7 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
     /// The method for a fluid, with a kernel and checked parameters.
     pub fn new(kernel: K, medium: Medium<D>, settings: WcsphSettings) -> Self {
         let depth = settings.depth.unwrap_or(medium.depth);
-        let strength = settings.wall_strength.unwrap_or(5.0 * medium.g() * depth);
+        let strength = settings.wall_strength.unwrap_or(5.0 * depth * scale(medium.g(), depth, medium.speed));
         let range = settings.wall_range.unwrap_or(medium.spacing);
         let exponents = settings.wall_exponents;
         let lennard_jones = |cutoff| WallForces::LennardJones(LennardJones { strength, range, exponents, cutoff });
@@ -277,7 +284,7 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
             WallForce::LennardJones => lennard_jones(range),
             WallForce::LennardJonesAttractive => lennard_jones(f64::INFINITY),
             WallForce::Monaghan2005 => {
-                let sound = (settings.stiffness * medium.g() * depth).sqrt();
+                let sound = (settings.stiffness * scale(medium.g(), depth, medium.speed) * depth).sqrt();
                 WallForces::Normal(NormalForce { sound, spacing: medium.spacing, normals: Vec::new() })
             }
         };
@@ -299,7 +306,8 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
 
     /// `B` of a particle at `x`, Pa, equation (26) in the chosen reading.
     fn stiffness_at(&self, x: Vector<D>) -> f64 {
-        let whole = self.settings.stiffness * self.medium.rest_density * self.medium.g() / f64::from(GAMMA);
+        let scale = scale(self.medium.g(), self.medium.depth, self.medium.speed);
+        let whole = self.settings.stiffness * self.medium.rest_density * scale / f64::from(GAMMA);
         match self.settings.equation_of_state {
             EquationOfState::Constant => whole * self.medium.depth,
             EquationOfState::InitialHeight | EquationOfState::CurrentHeight => {
