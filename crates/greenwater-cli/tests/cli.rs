@@ -247,14 +247,14 @@ fn a_run_is_never_written_over_without_force() {
     assert_eq!(place.read("precious/thesis.txt"), "years of work");
     assert_eq!(place.fails("run pool --out precious/thesis.txt --force").0, 2);
     // All fluid gone is no success either.
-    let (code, error) = place.fails("run pool --out gone --end 2 --set time.step=0.1");
+    let (code, error) = place.fails("run pool --method wcsph --out gone --end 2 --set time.step=0.1");
     assert!(code == 4 && error.contains("outside the domain"), "{error}");
 }
 
 #[test]
 fn a_run_folder_holds_what_it_should() {
     let place = Place::new();
-    let answer = json(&place.ok("run pool --out made --json"));
+    let answer = json(&place.ok("run pool --method wcsph --out made --json"));
     assert_eq!((answer["completed"].as_bool(), answer["exit_code"].as_u64()), (Some(true), Some(0)));
     assert_eq!(place.read("made/case.toml"), POOL);
     assert!(place.read("made/case.resolved.toml").contains("alpha = 0.05"));
@@ -341,7 +341,7 @@ fn compare_writes_a_folder_a_method_and_the_report() {
     let page = place.read("both/report/index.html");
     assert!(page.contains("wcsph") && page.contains("isph-paper") && page.contains("Small pool"));
     let report = json(&place.read("both/report/report.json"));
-    assert_eq!(report["methods"].as_array().unwrap().len(), 2);
+    assert_eq!(report["methods"].as_array().unwrap().len(), 4);
     let start = |name: &str| {
         place.ok(&format!("export both/{name} --to csv --frame 0 --out {name}.csv"));
         let table = place.read(&format!("{name}.csv"));
@@ -375,7 +375,7 @@ fn frames_do_not_depend_on_the_number_of_threads() {
 fn an_instability_ends_with_code_4_and_leaves_the_last_good_frame() {
     let place = Place::new();
     // A step of 0.01 s: sound crosses three spacings in it, an explicit method allows a fraction of one.
-    let (code, error) = place.fails("run pool --set time.step=0.01 --end 1 --out made");
+    let (code, error) = place.fails("run pool --method wcsph --set time.step=0.01 --end 1 --out made");
     assert_eq!(code, 4, "{error}");
     assert!(error.contains("particle") && error.contains("t = 0.0") && error.contains("step "), "{error}");
     assert!(!place.path("made/DONE").exists());

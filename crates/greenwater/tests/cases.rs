@@ -151,7 +151,7 @@ fn the_resolved_case_has_every_default() {
     let resolved = good().resolved;
     for key in [
         "density = 1000.0",
-        "h_over_spacing = 1.2",
+        "h_over_spacing = 1.5",
         "courant = 0.25",
         "acceleration = [",
         "memory_gib",
@@ -173,7 +173,7 @@ fn fluid_comes_first_in_order_of_position_then_walls() {
         assert!(p.x[range].windows(2).all(|pair| pair[0].0 < pair[1].0), "x first, then y");
     }
     assert_eq!((p.x[0], p.layer[0], p.v[0]), (Vector([0.05, 0.05]), 0, Vector::ZERO));
-    assert_eq!((p.mass[0], p.density[0], p.h[0]), (1000.0 * (0.1 * 0.1), 1000.0, 1.2 * 0.1));
+    assert_eq!((p.mass[0], p.density[0], p.h[0]), (1000.0 * (0.1 * 0.1), 1000.0, 1.5 * 0.1));
     assert_eq!(p.count(Kind::Wall), 2 * (20 + 2 * 15) + 2 * 4);
 }
 
@@ -210,7 +210,7 @@ fn overrides_change_the_case_and_are_named_in_errors() {
     assert_eq!((setup.spacing, setup.output.precision, setup.probes[0].name.as_str()), (0.01875, Precision::Float32, "edge"));
     assert_eq!(setup.estimate.fluid, 3200);
     let alpha = load("dam-break", &[("method.alpha", "0.07")]).unwrap().checked().unwrap();
-    assert!(matches!(alpha.method(), MethodSettings::DeltaSph(settings) if settings.alpha == 0.07));
+    assert!(matches!(alpha.method(), MethodSettings::Wcsph(settings) if settings.alpha == 0.07));
 
     let message = |key, value| load("dam-break", &[(key, value)]).and_then(|case| case.checked()).unwrap_err().to_string();
     assert!(message("fluid.spacin", "0.02").starts_with("--set fluid.spacin=0.02: unknown key `fluid.spacin`, did you mean `spacing`?"));
@@ -386,7 +386,7 @@ fn parameters_of_methods_are_checked() {
     // The dense matrix of Gauss counts: 4409 particles take 8 * 4409^2 bytes.
     let dense = load("dam-break-40", &[("method.name", "isph-paper"), ("method.solver.method", "gauss")]).unwrap().checked().unwrap();
     assert!(dense.estimate().memory_bytes > 8.0 * 4409.0 * 4409.0);
-    let (message, _) = broken("[time]", "[method]\nwall_exponents = [6, 12]\n[time]");
+    let (message, _) = broken("[time]", "[method]\nname = \"wcsph\"\nwall_exponents = [6, 12]\n[time]");
     assert!(message.contains("`method.wall_exponents` is [6, 12], but must be two whole numbers >= 1, the larger first"), "{message}");
 }
 

@@ -288,7 +288,7 @@ pub struct Wrench<const D: usize> {
 }
 
 impl<const D: usize> Load<D> {
-    /// Names and units of what [`numbers`](Self::numbers) gives.
+    /// Names and units of the columns that a load has in its table: the force, then the moment.
     pub fn columns(&self) -> Vec<String> {
         let (force, moment) = if D == 2 { ("N/m", "N") } else { ("N", "N m") };
         let mut columns: Vec<String> = ["x", "y", "z"][..D].iter().map(|axis| format!("{}.f{axis} [{force}]", self.name)).collect();

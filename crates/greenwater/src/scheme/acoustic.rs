@@ -1,6 +1,6 @@
 //! What the weakly compressible methods of today share: walls, the free surface, shifting, and a step made of sound steps.
 //!
-//! A method brings its pair terms ([`Flux`]); this file moves the particles.
+//! A method brings its pair terms (`Flux`); this file moves the particles.
 
 mod start;
 
