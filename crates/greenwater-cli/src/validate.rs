@@ -65,13 +65,8 @@ pub struct ValidateArgs {
     force: bool,
 }
 
-/// The methods that run where none is named: the best of each family, as far as there are any, else all.
-fn default_methods() -> Vec<(MethodName, Option<Preset>)> {
-    const DEFAULTS: [&str; 2] = ["isph", "delta-sph"];
-    let chosen: Vec<MethodName> = MethodName::ALL.iter().copied().filter(|method| DEFAULTS.contains(&method.name())).collect();
-    let methods = if chosen.is_empty() { MethodName::ALL.to_vec() } else { chosen };
-    methods.into_iter().map(|method| (method, None)).collect()
-}
+/// The methods that run where none is named: the default of each family.
+const DEFAULT_METHODS: [MethodName; 2] = [MethodName::Isph, MethodName::DeltaSph];
 
 /// `greenwater validate`.
 pub fn validate(args: &ValidateArgs) -> Result<(), CliError> {
@@ -91,7 +86,10 @@ pub fn validate(args: &ValidateArgs) -> Result<(), CliError> {
     }
     if args.from.is_empty() || !args.names.is_empty() {
         catch_ctrl_c();
-        let methods = if args.methods.is_empty() { default_methods() } else { args.methods.clone() };
+        let methods = match &args.methods[..] {
+            [] => DEFAULT_METHODS.map(|method| (method, None)).to_vec(),
+            named => named.to_vec(),
+        };
         for shipped in cases {
             results.take_in(run_case(shipped, &methods, args)?);
         }

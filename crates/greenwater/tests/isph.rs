@@ -162,6 +162,27 @@ fn a_drop_beside_a_wall_falls_freely() {
     assert!(p.v[a][0].abs() < 1e-2 * fallen, "{:?}", p.v[a]);
 }
 
+/// A drop thrown up along a wall flies on where the wall ends: nothing there may turn it around the edge.
+#[test]
+fn a_drop_passes_the_end_of_a_wall() {
+    let medium = medium::<2>(9.81, 0.0);
+    for cells_off in [0, 1] {
+        let mut particles = tank([8, 20], |cell| cell == [cells_off, 15]);
+        let a = fluid(&particles).next().unwrap();
+        particles.v[a] = Vector([0.0, 8.0]);
+        let mut run = simulation(particles, settings(1e-8), &medium);
+        run.start().unwrap();
+        while run.time() < 0.2 {
+            run.advance().unwrap();
+        }
+        let v = run.particles().v[a];
+        let up = 8.0 - 9.81 * run.time();
+        // The pull of gravity, the most a wall may hold on with, over the 0.05 s that the wall's end takes to leave the support.
+        let pulled = 9.81 * 0.05;
+        assert!((v[1] - up).abs() < pulled && v[0].abs() < pulled, "{v:?}, not {up}");
+    }
+}
+
 /// Pressure goes as one over the step where divergence is left: a step never more than halves, nor grows by more than a fifth.
 #[test]
 fn steps_change_gently_through_an_impact() {

@@ -17,6 +17,8 @@ pub const STEPS: f64 = 2000.0;
 pub struct Cost {
     /// The method.
     pub method: MethodName,
+    /// Fluid particles.
+    pub fluid: usize,
     /// Particles, fluid and wall.
     pub particles: usize,
     /// Number of threads.
@@ -100,6 +102,7 @@ fn time(columns: u32, method: MethodName, threads: usize, steps: u64) -> Result<
     let mean = iterations.iter().sum::<usize>() as f64 / iterations.len() as f64;
     Ok(Cost {
         method,
+        fluid: setup.estimate.fluid,
         particles,
         threads,
         steps,
@@ -134,11 +137,14 @@ impl Results {
         self.serial(MethodName::IsphPaper).filter_map(ratio).collect()
     }
 
-    /// Greatest over least cost of SPH for a particle, over the sizes, minus one; of the median step, which a busy moment of the
-    /// machine does not touch.
-    pub fn sph_unevenness(&self) -> Option<f64> {
-        let costs = || self.serial(MethodName::Wcsph).map(|cost| cost.step_seconds.median / cost.particles as f64);
-        Some(costs().reduce(f64::max)? / costs().reduce(f64::min)? - 1.0)
+    /// Greatest over least cost of SPH over the sizes, minus one: for a particle, and for a fluid particle. Of the median step, which
+    /// a busy moment of the machine does not touch.
+    pub fn sph_unevenness(&self) -> Option<[f64; 2]> {
+        let uneven = |particles: fn(&Cost) -> usize| {
+            let costs = || self.serial(MethodName::Wcsph).map(|cost| cost.step_seconds.median / particles(cost) as f64);
+            Some(costs().reduce(f64::max)? / costs().reduce(f64::min)? - 1.0)
+        };
+        Some([uneven(|cost| cost.particles)?, uneven(|cost| cost.fluid)?])
     }
 
     /// Rows of the JSON file.

@@ -234,19 +234,17 @@ impl<const D: usize> Flow<D> {
         total
     }
 
-    /// What the projections are to remove of `D v` at `a`, 1/s. A wall does not pull on a free surface: there it counts only where
-    /// fluid nears it, else a jet that passes the end of a wall would be drawn around it.
-    fn divergence_to_remove(&self, p: &Particles<D>, a: usize, dt: f64) -> f64 {
+    /// What the projections are to remove of `D v` at `a`, 1/s. Where a free surface touches a wall, an expansion is held together with
+    /// no more than gravity: a wall has no suction on what the air can reach, and a jet that passes its end must not be drawn around it.
+    fn divergence_to_remove(&self, a: usize, dt: f64) -> f64 {
         let at = &self.at[a];
-        if at.place != Place::Surface || at.off_walls == Vector::ZERO {
-            return at.resisted(self.divergence(&self.v, a), dt);
+        let mut divergence = self.divergence(&self.v, a);
+        if at.place == Place::Surface && at.off_walls != Vector::ZERO {
+            // Gravity, or what makes the same greatest speed where there is none.
+            let pull = 0.25 * self.medium.speed * self.medium.speed / self.medium.depth;
+            divergence = divergence.min(pull * dt * at.off_walls.norm());
         }
-        let (mut of_fluid, mut of_walls) = (0.0, 0.0);
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-            let term = f * (self.v[b] - self.v[a]).dot(x_ab);
-            if p.is_fluid(b) { of_fluid -= term } else { of_walls -= term }
-        });
-        at.resisted(of_fluid + of_walls.min(0.0), dt)
+        at.resisted(divergence, dt)
     }
 
     /// `G q` at `a`, for `q` that is zero on walls: the negative adjoint of [`divergence`](Self::divergence) with resting walls.
@@ -306,7 +304,7 @@ impl<const D: usize> Flow<D> {
                     }
                 });
             }
-            walls - rest / dt * self.divergence_to_remove(p, a, dt)
+            walls - rest / dt * self.divergence_to_remove(a, dt)
         });
         self.source = source;
         let owned = p.owned();
@@ -425,7 +423,7 @@ impl<const D: usize> Flow<D> {
         domain.refresh_column(&mut self.v);
         if self.settings.velocity_iterations > 0 {
             let mut source = std::mem::take(&mut self.source);
-            sweep(&mut source, |a| if p.is_fluid(a) { -self.divergence_to_remove(p, a, dt) } else { 0.0 });
+            sweep(&mut source, |a| if p.is_fluid(a) { -self.divergence_to_remove(a, dt) } else { 0.0 });
             self.source = source;
             let mut q = std::mem::take(&mut self.cleaning);
             self.exact_projection(p, domain, self.settings.velocity_iterations, &mut q);
