@@ -102,7 +102,7 @@ pub fn validate(args: &ValidateArgs) -> Result<(), CliError> {
         write(path, &page::page(&results))?;
     }
     let missed = results.missed();
-    if missed > 0 { Err(ValidateError::Missed { missed, all: results.rows.len() }.into()) } else { Ok(()) }
+    if missed > 0 { Err(ValidateError::Missed { missed, all: results.banded() }.into()) } else { Ok(()) }
 }
 
 fn write(path: &Path, text: &str) -> Result<(), CliError> {

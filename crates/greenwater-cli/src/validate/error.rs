@@ -34,7 +34,7 @@ pub enum ValidateError {
     Missed {
         /// Outside.
         missed: usize,
-        /// Measured.
+        /// Measured, of those with a band.
         all: usize,
     },
 }

@@ -183,6 +183,11 @@ impl Results {
         json!({"format": 1, "version": env!("CARGO_PKG_VERSION"), "results": self.rows})
     }
 
+    /// Number of quantities that have a band.
+    pub fn banded(&self) -> usize {
+        self.rows.iter().filter(|row| !row.verdict().is_empty()).count()
+    }
+
     /// Number of values outside their bands.
     pub fn missed(&self) -> usize {
         self.rows.iter().filter(|row| !row.pass).count()
@@ -205,7 +210,7 @@ impl Results {
                 padded.join("  ").trim_end().to_owned()
             })
             .collect();
-        let banded = self.rows.iter().filter(|row| !row.verdict().is_empty()).count();
+        let banded = self.banded();
         lines.push(format!("{} of {banded} quantities with a band are inside it", banded - self.missed()));
         lines.join("\n")
     }
