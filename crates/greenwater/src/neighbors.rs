@@ -311,27 +311,17 @@ impl<const D: usize> Grid<D> {
         (0..D).fold(0, |index, d| index * self.cells[d] + cell[d]) as u32
     }
 
-    /// Appends the neighbours of particle `a`: the adjacent rows of cells in order, each one run of entries.
+    /// Appends the neighbours of particle `a`, which lies within the grid.
     fn near(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, list: &mut Vec<u32>) {
         let home = self.cell(x_a);
-        let first: [usize; D] = home.map(|c| c.saturating_sub(1));
-        let last: [usize; D] = std::array::from_fn(|d| (home[d] + 1).min(self.cells[d] - 1));
-        let mut row = first;
-        loop {
-            let from = self.starts[self.index(row) as usize] as usize;
-            let mut end_of_row = row;
-            end_of_row[D - 1] = last[D - 1];
-            let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
-            for entry in &self.entries[from..to] {
-                let reach = support * (0.5 * (h_a + entry.h));
-                if (x_a - entry.x).norm_squared() <= reach * reach && entry.row as usize != a {
-                    list.push(entry.row);
-                }
+        let first = home.map(|c| c.saturating_sub(1));
+        let last = std::array::from_fn(|d| (home[d] + 1).min(self.cells[d] - 1));
+        self.visit(first, last, |entry| {
+            let reach = support * (0.5 * (h_a + entry.h));
+            if (x_a - entry.x).norm_squared() <= reach * reach && entry.row as usize != a {
+                list.push(entry.row);
             }
-            let Some(axis) = (0..D - 1).rev().find(|&d| row[d] < last[d]) else { break };
-            row[axis] += 1;
-            row[axis + 1..D - 1].copy_from_slice(&first[axis + 1..D - 1]);
-        }
+        });
     }
 
     /// Appends the rows near a point that need not lie within the grid.
@@ -340,20 +330,26 @@ impl<const D: usize> Grid<D> {
         if (0..D).any(|d| !(-1.0..=self.cells[d] as f64).contains(&cell(d))) {
             return;
         }
-        let first: [usize; D] = std::array::from_fn(|d| (cell(d) - 1.0).max(0.0) as usize);
-        let last: [usize; D] = std::array::from_fn(|d| ((cell(d) + 1.0) as usize).min(self.cells[d] - 1));
+        let first = std::array::from_fn(|d| (cell(d) - 1.0).max(0.0) as usize);
+        let last = std::array::from_fn(|d| ((cell(d) + 1.0) as usize).min(self.cells[d] - 1));
+        self.visit(first, last, |entry| {
+            let reach = support * (0.5 * (h + entry.h));
+            if (x - entry.x).norm_squared() <= reach * reach {
+                list.push(entry.row);
+            }
+        });
+    }
+
+    /// Shows the entries of the cells from `first` to `last`: rows of cells along the last axis in order, each one run of entries.
+    #[inline(always)]
+    fn visit(&self, first: [usize; D], last: [usize; D], mut each: impl FnMut(&Entry<D>)) {
         let mut row = first;
         loop {
             let from = self.starts[self.index(row) as usize] as usize;
             let mut end_of_row = row;
             end_of_row[D - 1] = last[D - 1];
             let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
-            for entry in &self.entries[from..to] {
-                let reach = support * (0.5 * (h + entry.h));
-                if (x - entry.x).norm_squared() <= reach * reach {
-                    list.push(entry.row);
-                }
-            }
+            self.entries[from..to].iter().for_each(&mut each);
             let Some(axis) = (0..D - 1).rev().find(|&d| row[d] < last[d]) else { break };
             row[axis] += 1;
             row[axis + 1..D - 1].copy_from_slice(&first[axis + 1..D - 1]);

@@ -71,7 +71,8 @@ macro_rules! methods {
                 match self { $(Self::$variant(_) => MethodName::$variant),* }
             }
 
-            fn step_cost_per_pair(&self) -> f64 {
+            /// Wall-clock time of a step for one particle and one of its neighbours, s, on one core: a guide.
+            pub(crate) fn step_cost(&self) -> f64 {
                 match self { $(Self::$variant(_) => <$settings as Settings>::STEP_COST),* }
             }
         }
@@ -150,11 +151,6 @@ impl MethodSettings {
     /// Memory beyond columns and pair list for `count` particles with `neighbours` each, bytes.
     pub(crate) fn memory(&self, count: f64, neighbours: f64) -> f64 {
         with_settings!(self, s => s.memory(count, neighbours))
-    }
-
-    /// Wall-clock time of a step for one particle and one of its neighbours, s, on one core: a guide.
-    pub(crate) fn step_cost(&self) -> f64 {
-        self.step_cost_per_pair()
     }
 
     /// The method, ready to start. The kernels that methods take by themselves are compiled into their loops; the others are told
