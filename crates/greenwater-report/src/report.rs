@@ -436,9 +436,7 @@ impl<'a> Report<'a> {
                 plot.series.push(Series::line(&self.numbers[i].name, i, scaled));
             }
             for (i, reference) in references.iter().enumerate() {
-                let Some((t, v)) = reference.scaling() else { continue };
-                let points = reference.points.iter().map(|p| [p[0] / t * time_scale, p[1] / v * value_scale]).collect();
-                plot.series.push(Series::reference(&reference.name, i, points));
+                plot.series.extend(reference_series(reference, i, time_scale, value_scale));
             }
             if column == "front" {
                 // What follows the arrival at the far wall is flat and would squeeze the part that matters.
@@ -754,4 +752,15 @@ fn relative(from: &Path, target: &Path) -> Option<String> {
 fn percent_encode(text: &str) -> String {
     let safe = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~".contains(&byte);
     text.bytes().map(|b| if safe(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
+}
+
+/// A published curve as the `n`-th reference of a plot whose axes are time in s times `per_time` and the value in SI units times
+/// `per_value`, with the band of its spread; none if its own scales are not usable.
+fn reference_series(reference: &Reference, n: usize, per_time: f64, per_value: f64) -> Option<Series> {
+    let (time, value) = reference.scaling()?;
+    let points: Vec<[f64; 2]> = reference.points.iter().map(|p| [p[0] / time * per_time, p[1] / value * per_value]).collect();
+    let around = |(&[t, z], spread): (&[f64; 2], &f64)| [t, z - spread / value * per_value, z + spread / value * per_value];
+    let band: Vec<[f64; 3]> = points.iter().zip(&reference.spread).map(around).collect();
+    let name = if band.is_empty() { reference.name.clone() } else { format!("{}, with its spread", reference.name) };
+    Some(Series { band, ..Series::reference(name, n, points) })
 }

@@ -176,6 +176,8 @@ pub struct Reference {
     pub value_label: String,
     /// `[T, Z]` pairs.
     pub points: Vec<[f64; 2]>,
+    /// How far repeated measurements lie to either side of each point, in units of Z; empty for not given.
+    pub spread: Vec<f64>,
 }
 
 impl Reference {

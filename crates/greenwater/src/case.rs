@@ -17,6 +17,7 @@ mod audit;
 mod error;
 mod instruments;
 mod method;
+mod packing;
 mod particle_file;
 mod reference;
 mod sections;
@@ -35,8 +36,8 @@ pub use audit::Audit;
 pub use error::{CaseError, Choices, Place};
 pub use reference::{KeyRow, reference, schema};
 pub use sections::{
-    Compare, Domain, Fluid, Gauge, GaugeQuantity, Gravity, InitialPressure, Kernel, Limits, Load, Method, Output, Precision, Probe,
-    Reference, Sections, Time, Walls,
+    Arrangement, Compare, Domain, Fluid, Gauge, GaugeQuantity, Gravity, InitialPressure, Kernel, Limits, Load, Method, Output, Precision,
+    Probe, Reference, Sections, Time, Walls,
 };
 pub use setup::{AnySetup, Bounds, ComparePlan, Estimate, OutputPlan, Setup};
 pub use shape::Shape;

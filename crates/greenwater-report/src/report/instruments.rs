@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Report, file_name};
+use super::{Report, file_name, reference_series};
 use crate::measure::{Impact, Measured};
 use crate::page::{Block, Cells, Figure, Table};
 use crate::plot::{LinePlot, RightAxis, Series};
@@ -43,9 +43,7 @@ impl Report<'_> {
                 plot.series.push(Series::line(&self.numbers[k].name, k, run.probes.against_time(name)));
             }
             for (k, reference) in self.references(&format!("probe:{name}")).iter().enumerate() {
-                let Some((t, v)) = reference.scaling() else { continue };
-                let points = reference.points.iter().map(|p| [p[0] / t, p[1] / v]).collect();
-                plot.series.push(Series::reference(&reference.name, k, points));
+                plot.series.extend(reference_series(reference, k, 1.0, 1.0));
             }
             if plot.is_empty() {
                 silent.push((*name).to_owned());
@@ -109,9 +107,7 @@ impl Report<'_> {
                     plot.series.push(Series::line(&self.numbers[k].name, k, table.against_time(name)));
                 }
                 for (k, reference) in self.references(&format!("{kind}:{name}")).iter().enumerate() {
-                    let Some((t, v)) = reference.scaling() else { continue };
-                    let points = reference.points.iter().map(|p| [p[0] / t, p[1] / v]).collect();
-                    plot.series.push(Series::reference(&reference.name, k, points));
+                    plot.series.extend(reference_series(reference, k, 1.0, 1.0));
                 }
                 if !plot.is_empty() {
                     let caption = format!("The {kind} {name} as recorded.");

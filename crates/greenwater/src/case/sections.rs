@@ -87,13 +87,27 @@ pub struct Fluid {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<Vec<String>>", extend("kind" = "list of formulas", "unit" = "m/s", "rule" = "of x, y (and z) in m"))]
     pub velocity: Option<Vec<Written>>,
-    /// Regions filled with fluid: particles at the centres of cells of one spacing.
+    /// Regions filled with fluid.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub shapes: Vec<Shape>,
+    /// How particles fill the shapes.
+    #[serde(default)]
+    pub arrangement: Arrangement,
     /// A table of particles, in the folder of the case, instead of `shapes`: CSV with the columns
     /// `id,kind,x,y[,z],vx,vy[,vz],density,pressure,mass,h` and, if wanted, `layer`; kind is fluid or wall.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_file: Option<String>,
+}
+
+/// How particles fill a shape.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Arrangement {
+    /// At the centres of cells of one spacing: curved and oblique boundaries have steps.
+    #[default]
+    Lattice,
+    /// Evenly spread in each shape, in rows along its boundary (Colagrossi et al. 2012); together they have the volume of the shape.
+    Packed,
 }
 
 /// Pressure of the fluid at the start.
@@ -114,6 +128,8 @@ pub struct Walls {
     /// Lines of particles that make a tank.
     #[schemars(extend("rule" = "1 to 32"))]
     pub layers: u32,
+    /// How particles fill solid obstacles; tanks are lines along their sides anyway.
+    pub arrangement: Arrangement,
     /// Tanks and solid obstacles. Beside its shape each may have a `name` for loads, and `velocity` and `moves` if it moves:
     /// `{ name = "lid", velocity = ["1", "0"], moves = false, box = { ... } }`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -122,7 +138,7 @@ pub struct Walls {
 
 impl Default for Walls {
     fn default() -> Self {
-        Self { layers: 3, shapes: Vec::new() }
+        Self { layers: 3, arrangement: Arrangement::Lattice, shapes: Vec::new() }
     }
 }
 
@@ -400,6 +416,10 @@ pub struct Reference {
     /// The curve: pairs `[T, Z]`, T rising.
     #[schemars(extend("rule" = "at least one, T rising"))]
     pub points: Vec<[f64; 2]>,
+    /// How far repeated measurements lie to either side of each point, in units of Z: drawn as a band.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(extend("rule" = "as many as points, each >= 0"))]
+    pub spread: Vec<f64>,
 }
 
 fn water_density() -> f64 {

@@ -8,8 +8,9 @@ use toml::Value;
 use super::error::{CaseError, Choices};
 use super::instruments::{self, InitialFields};
 use super::method;
+use super::packing::pack;
 use super::particle_file;
-use super::sections::{InitialPressure, Kernel, Precision, Reference, Sections, Time};
+use super::sections::{Arrangement, InitialPressure, Kernel, Precision, Reference, Sections, Time};
 use super::shape::{AXES, Lattice, Region, Shape, is_whole, too_close, vector};
 use super::source::{Source, inside};
 use crate::domain::Domain;
@@ -182,6 +183,10 @@ impl<const D: usize> Setup<D> {
         let wall_shapes: Vec<Shape> = s.walls.shapes.iter().map(|wall| wall.shape.clone()).collect();
         let walls = regions::<D>(&wall_shapes, "walls.shapes", source)?;
         let motions = instruments::motions::<D>(s, source)?;
+        for (arrangement, regions, key) in [(s.fluid.arrangement, &fluid, "fluid"), (s.walls.arrangement, &walls, "walls")] {
+            let packs = arrangement == Arrangement::Lattice || regions.iter().any(|(_, region)| region.is_solid());
+            source.rule(packs, &format!("{key}.arrangement"), "\"packed\"", "\"lattice\" where no solid shape is there to fill")?;
+        }
         let initial = InitialFields::checked::<D>(&s.fluid, source)?;
         let shapes_or_file = fluid.is_empty() == s.fluid.from_file.is_some();
         source.rule(shapes_or_file, "fluid.shapes", format!("a list of {}", fluid.len()), "given, or `fluid.from_file`, and not both")?;
@@ -201,8 +206,8 @@ impl<const D: usize> Setup<D> {
             particle_file = Some((written.clone(), path));
         }
         let common = fluid.first().map_or(Lattice { origin: Vector::ZERO, spacing: dx }, |(_, region)| Lattice::of(region, dx));
-        bodies.fill(&fluid, Kind::Fluid, common, &fill);
-        bodies.fill(&walls, Kind::Wall, common, &fill);
+        bodies.fill(&fluid, Kind::Fluid, common, &fill, s.fluid.arrangement);
+        bodies.fill(&walls, Kind::Wall, common, &fill, s.walls.arrangement);
         limits.check(bodies.rows.len() as f64, source)?;
         bodies.check_apart(dx, source)?;
 
@@ -575,18 +580,29 @@ impl<const D: usize> Bodies<D> {
     }
 
     /// Fills the shapes and sorts their particles by position, x first.
-    fn fill(&mut self, shapes: &[Named<D>], kind: Kind, common: Lattice<D>, fill: &Fill) {
+    fn fill(&mut self, shapes: &[Named<D>], kind: Kind, common: Lattice<D>, fill: &Fill, arrangement: Arrangement) {
         let first = self.rows.len();
-        let mass = fill.density * (0..D).map(|_| fill.dx).product::<f64>();
+        let cell: f64 = (0..D).map(|_| fill.dx).product();
         for ((key, region), number) in shapes.iter().zip(1..) {
             let wall = if kind == Kind::Wall { number } else { 0 };
             let body = self.keys.len() as u32;
             self.keys.push(key.clone());
-            region.fill(region.lattice(common), fill.layers, |x, line| {
+            let (mut x, mut lines) = (Vec::new(), Vec::new());
+            region.fill(region.lattice(common), fill.layers, |at, line| {
+                x.push(at);
+                lines.push(line);
+            });
+            let mut volume = cell;
+            if arrangement == Arrangement::Packed && region.is_solid() {
+                volume = pack(region, &mut x, fill.dx);
+                lines = x.iter().map(|&x| region.line(x, fill.dx)).collect();
+            }
+            for (x, line) in x.into_iter().zip(lines) {
                 let layer = if kind == Kind::Wall { line } else { 0 };
+                let mass = fill.density * volume;
                 let particle = Particle { kind, layer, x, v: Vector::ZERO, mass, density: fill.density, pressure: 0.0, h: fill.h };
                 self.rows.push(Row { particle, body, wall, table_id: None });
-            });
+            }
         }
         self.rows[first..].sort_by(|a, b| {
             let by_axis = (0..D).map(|d| a.particle.x[d].total_cmp(&b.particle.x[d]));
@@ -742,6 +758,16 @@ fn compare_plan(s: &Sections, source: &Source) -> Result<ComparePlan, CaseError>
         source.rule(curve.time_scale > 0.0, &key("time_scale"), curve.time_scale, "> 0")?;
         source.rule(curve.value_scale > 0.0, &key("value_scale"), curve.value_scale, "> 0")?;
         source.rule(!curve.points.is_empty(), &key("points"), "an empty list", "at least one pair [T, Z]")?;
+        let bands = curve.spread.is_empty() || curve.spread.len() == curve.points.len();
+        source.rule(
+            bands,
+            &key("spread"),
+            format!("a list of {}", curve.spread.len()),
+            format!("as many as points, {}", curve.points.len()),
+        )?;
+        for (n, &spread) in curve.spread.iter().enumerate() {
+            source.rule(spread >= 0.0, &format!("{}[{n}]", key("spread")), spread, ">= 0")?;
+        }
         if let Some(n) = curve.points.windows(2).position(|pair| pair[1][0] <= pair[0][0]) {
             let at = format!("{}[{}]", key("points"), n + 1);
             return Err(source.broken(&at, format!("{:?}", curve.points[n + 1]), "later than the point before it"));

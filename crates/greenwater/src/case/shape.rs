@@ -226,6 +226,16 @@ impl<const D: usize> Region<D> {
         }
     }
 
+    /// Whether the region is filled all through, not lined.
+    pub fn is_solid(&self) -> bool {
+        !matches!(self, Self::Tank { .. })
+    }
+
+    /// Line of a place inside a solid region, of lines one `spacing` thick: 1 at the surface that wets.
+    pub fn line(&self, x: Vector<D>, spacing: f64) -> u8 {
+        (self.depth(x) / spacing).ceil().clamp(1.0, 255.0) as u8
+    }
+
     /// The cells that fill the region: of its own if it is a box or a tank, else of `common`.
     pub fn lattice(&self, common: Lattice<D>) -> Lattice<D> {
         match self {
@@ -285,7 +295,7 @@ impl<const D: usize> Region<D> {
                 let depth = self.depth(x);
                 // A centre on the surface is outside, whichever way it was rounded.
                 if depth > 1e-9 * dx {
-                    make(x, (depth / dx).ceil().clamp(1.0, 255.0) as u8);
+                    make(x, self.line(x, dx));
                 }
             }),
         }
