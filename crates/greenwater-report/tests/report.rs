@@ -45,6 +45,8 @@ fn a_report_holds_a_page_numbers_and_figures_that_decode() {
             assert!(paths.figures.contains(&path), "{} is not listed", path.display());
         }
     }
+    let front = fs::read_to_string(dir.join("report/figures/front.svg")).unwrap();
+    assert!(front.contains("Made-up experiment, with its spread") && front.contains("fill-opacity=\"0.18\""), "the spread is not drawn");
     for path in &paths.figures {
         let bytes = fs::read(path).unwrap();
         if path.extension().is_some_and(|e| e == "png") {

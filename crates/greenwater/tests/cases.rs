@@ -400,6 +400,8 @@ fn references_are_checked_with_their_curve() {
         ("[1.0, 2.0]", "[0.0, 2.0]", "`compare.reference[0].points[1]` is [0.0, 2.0], but must be later than the point before it"),
         ("time_scale = 1.0", "time_scale = 0", "`compare.reference[0].time_scale` is 0, but must be > 0"),
         ("source = \"s\"\n", "", "`compare.reference[0].source` is missing: Where the values come from."),
+        ("[1.0, 2.0]]", "[1.0, 2.0]]\nspread = [0.1]", "`compare.reference[0].spread` is a list of 1, but must be as many as points, 2"),
+        ("[1.0, 2.0]]", "[1.0, 2.0]]\nspread = [0.1, -0.1]", "`compare.reference[0].spread[1]` is -0.1, but must be >= 0"),
     ] {
         let message = parse(&format!("{GOOD}{}", curve.replacen(from, to, 1))).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
@@ -637,4 +639,21 @@ fn solid_obstacles_and_other_shapes_fill_with_particles() {
     let inside = |low: f64, high: f64| setup.particles.x.iter().filter(|x| x[0] > low && x[0] < high && x[1] > 0.0 && x[1] < 1.0).count();
     assert_eq!(inside(0.9, 1.5), 6, "lattice centres strictly below the slope: 3 + 2 + 1");
     assert_eq!(inside(1.9, 2.6), 24, "25 cells less the one in the hole");
+}
+
+#[test]
+fn packed_shapes_have_their_own_volume_and_tanks_stay_lines() {
+    let disc = "arrangement = \"packed\"\nshapes = [{ circle = { center = [0.65, 0.65], radius = 0.5 } }]";
+    let setup = two_d(parse(&GOOD.replace("shapes = [{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }]", disc)).unwrap());
+    let mass: f64 = (0..setup.particles.owned()).filter(|&a| setup.particles.is_fluid(a)).map(|a| setup.particles.mass[a]).sum();
+    // 2e-3: cells of half a spacing cut by the rim count by the depth of their centre, to second order in a tenth of the radius.
+    assert!((mass / (1000.0 * std::f64::consts::PI * 0.25) - 1.0).abs() < 2e-3, "{mass} kg/m");
+    let again = two_d(parse(&setup.resolved).unwrap());
+    assert_eq!(again.particles, setup.particles, "the resolved case packs the same way");
+    let (message, code) = broken("layers = 2", "layers = 2\narrangement = \"packed\"");
+    assert!(
+        message.contains("`walls.arrangement` is \"packed\", but must be \"lattice\" where no solid shape is there to fill"),
+        "{message}"
+    );
+    assert_eq!(code, 2);
 }
