@@ -136,7 +136,7 @@ impl Synthetic {
                 {"name": "Made-up experiment", "quantity": "front", "source": "synthetic, Z = 1 + T²/4", "time_scale": time_scale(),
                  "value_scale": 1.0 / WIDTH, "time_label": "t sqrt(2g/L)", "value_label": "x/L",
                  "points": (0..=16).map(|i| { let t = 0.2 * f64::from(i); [t, 1.0 + 0.25 * t * t] }).collect::<Vec<_>>(),
-                 "spread": [0.1; 17]},
+                 "spread": vec![0.1; 17]},
             ]},
             "probes": [{"name": "P1", "position": [TANK, 0.05]}, {"name": "P2", "position": [TANK, 0.4]}],
         })
