@@ -10,6 +10,7 @@
 mod csr;
 mod dense;
 mod krylov;
+mod multigrid;
 mod preconditioner;
 pub mod projection;
 mod report;

@@ -5,6 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::csr::blockwise;
+use super::multigrid::Multigrid;
 use super::{CsrMatrix, PreconditionerKind, SolveError};
 
 /// First shift tried when IC(0) loses a pivot; it doubles until all pivots are kept.
@@ -21,7 +22,6 @@ const LOST_PIVOT: f64 = 1e-8;
 const LEVEL_ENTRIES: usize = 32_768;
 
 /// `z = M⁻¹ r` for the preconditioner of a kind, in storage that is reused.
-#[derive(Debug)]
 pub(super) struct Preconditioner {
     kind: PreconditionerKind,
     /// Jacobi: inverse of the diagonal. ILU(0), IC(0): inverse of the pivots.
@@ -34,6 +34,7 @@ pub(super) struct Preconditioner {
     row: Vec<f64>,
     /// Room for a sweep.
     swept: Vec<f64>,
+    multigrid: Multigrid,
 }
 
 impl Preconditioner {
@@ -47,6 +48,7 @@ impl Preconditioner {
             backward: Sweep::default(),
             row: Vec::new(),
             swept: Vec::new(),
+            multigrid: Multigrid::new(),
         }
     }
 
@@ -66,6 +68,7 @@ impl Preconditioner {
                 }
                 return Ok(0.0);
             }
+            PreconditionerKind::Multigrid => return self.multigrid.build(a).map(|()| 0.0),
             PreconditionerKind::Ilu0 | PreconditionerKind::Ic0 => {}
         }
         self.row.clear();
@@ -82,6 +85,7 @@ impl Preconditioner {
     pub(super) fn apply(&mut self, r: &[f64], z: &mut [f64]) {
         match self.kind {
             PreconditionerKind::None => z.copy_from_slice(r),
+            PreconditionerKind::Multigrid => self.multigrid.apply(r, z),
             PreconditionerKind::Jacobi => {
                 z.copy_from_slice(r);
                 blockwise(z, &self.inverse, |z, inverse| *z *= inverse);

@@ -38,6 +38,9 @@ pub enum PreconditionerKind {
     /// a pivot is lost the diagonal is shifted, and the report says by how much. Source: Manteuffel, Math. Comp. 34 (1980)
     /// 473.
     Ic0,
+    /// Smoothed-aggregation multigrid: symmetric positive matrices whose iterations would grow with their size; from some 10⁴
+    /// unknowns on the fastest. Source: Vaněk, Mandel & Brezina, Computing 56 (1996) 179.
+    Multigrid,
 }
 
 /// How `A p = b` is solved. The default fits symmetric pressure equations of 10³ to 10⁵ unknowns.
@@ -63,6 +66,23 @@ impl Default for SolverSettings {
 }
 
 impl SolverSettings {
+    /// Method and preconditioner in words: "conjugate gradients with IC(0) preconditioner".
+    pub fn name(&self) -> String {
+        let method = match self.method {
+            SolverMethod::Gauss => return "Gauss elimination".to_owned(),
+            SolverMethod::Gmres => "GMRES",
+            SolverMethod::Cg => "conjugate gradients",
+            SolverMethod::Bicgstab => "BiCGStab",
+        };
+        match self.preconditioner {
+            PreconditionerKind::None => method.to_owned(),
+            PreconditionerKind::Jacobi => format!("{method} with Jacobi preconditioner"),
+            PreconditionerKind::Ilu0 => format!("{method} with ILU(0) preconditioner"),
+            PreconditionerKind::Ic0 => format!("{method} with IC(0) preconditioner"),
+            PreconditionerKind::Multigrid => format!("{method} with multigrid preconditioner"),
+        }
+    }
+
     /// Checks every value against its documented range.
     ///
     /// # Errors

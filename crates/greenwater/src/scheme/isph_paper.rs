@@ -13,7 +13,7 @@ use crate::particles::{Kind, Particles};
 use crate::physics::pressure::{laplacian_brookshaw, laplacian_shao_lo, symmetric};
 use crate::physics::surface::{Arcs, SurfaceTest, is_exposed};
 use crate::physics::{summation_density, viscosity};
-use crate::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
+use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport, SolverMethod, SolverSettings};
 use crate::sweep::{largest, sweep, sweep_with, sweep2, update};
 use crate::time::{Phases, StepLimit};
 use crate::walls::{first_line_parents, wall_normals};
@@ -145,18 +145,6 @@ impl Settings for IsphPaperSettings {
             SurfaceGhosts::Mirrored => "neighbours mirrored with opposite pressure",
             SurfaceGhosts::None => "nothing beyond",
         };
-        let method = match s.solver.method {
-            SolverMethod::Gauss => "Gauss elimination",
-            SolverMethod::Gmres => "GMRES",
-            SolverMethod::Cg => "conjugate gradients",
-            SolverMethod::Bicgstab => "BiCGStab",
-        };
-        let preconditioner = match (s.solver.method, s.solver.preconditioner) {
-            (SolverMethod::Gauss, _) | (_, PreconditionerKind::None) => "",
-            (_, PreconditionerKind::Jacobi) => " with Jacobi preconditioner",
-            (_, PreconditionerKind::Ilu0) => " with ILU(0) preconditioner",
-            (_, PreconditionerKind::Ic0) => " with IC(0) preconditioner",
-        };
         let added = if s.alpha == 0.0 { String::new() } else { format!(" and artificial (13), alpha = {}", s.alpha) };
         vec![
             ("compressibility", "incompressible".to_owned()),
@@ -167,7 +155,7 @@ impl Settings for IsphPaperSettings {
             ("time stepping", "prediction (29), pressure, correction (30)".to_owned()),
             ("walls", format!("three rows of fixed particles, one of them in the pressure equation{guard}")),
             ("free surface", format!("{surface}; {beyond}")),
-            ("linear system", format!("{method}{preconditioner}, residual {:e}", s.solver.tolerance)),
+            ("linear system", format!("{}, residual {:e}", s.solver.name(), s.solver.tolerance)),
             ("work of a step", "sums over neighbours and one linear system".to_owned()),
         ]
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::Isph;
 use crate::kernel::{Kernel, KernelName};
 use crate::neighbors::Search;
-use crate::poisson::{PreconditionerKind, SolveError, SolverMethod, SolverSettings};
+use crate::poisson::{SolveError, SolverSettings};
 use crate::scheme::settings::{BrokenRule, Settings};
 use crate::scheme::{Medium, Preset, Scheme};
 
@@ -96,18 +96,6 @@ impl Settings for IsphSettings {
 
     fn distinctions(&self) -> Vec<(&'static str, String)> {
         let s = self;
-        let method = match s.solver.method {
-            SolverMethod::Gauss => "Gauss elimination",
-            SolverMethod::Gmres => "GMRES",
-            SolverMethod::Cg => "conjugate gradients",
-            SolverMethod::Bicgstab => "BiCGStab",
-        };
-        let preconditioner = match (s.solver.method, s.solver.preconditioner) {
-            (SolverMethod::Gauss, _) | (_, PreconditionerKind::None) => "",
-            (_, PreconditionerKind::Jacobi) => " with Jacobi preconditioner",
-            (_, PreconditionerKind::Ilu0) => " with ILU(0) preconditioner",
-            (_, PreconditionerKind::Ic0) => " with IC(0) preconditioner",
-        };
         let friction = match s.wall_friction {
             WallFriction::FreeSlip => "without friction",
             WallFriction::NoSlip => "to which a viscous fluid sticks",
@@ -125,7 +113,7 @@ impl Settings for IsphSettings {
             ("time stepping", "prediction, pressure, clean-up of the velocity, move, shift".to_owned()),
             ("walls", format!("rows of particles that carry the pressure on, {friction}")),
             ("free surface", surface.to_owned()),
-            ("linear system", format!("{method}{preconditioner}, residual {:e}", s.solver.tolerance)),
+            ("linear system", format!("{}, residual {:e}", s.solver.name(), s.solver.tolerance)),
             ("work of a step", "some fifty sums over neighbours and one linear system a pass".to_owned()),
         ]
     }
