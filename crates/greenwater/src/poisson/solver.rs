@@ -17,11 +17,29 @@ const IC_ASYMMETRY: f64 = 0.1;
 /// Steps of iterative refinement after which elimination has shown what it can.
 const REFINEMENTS: usize = 10;
 
+/// Solves after which a kept multigrid is built anew in any case: particles have moved by some spacings then.
+const OLDEST: usize = 20;
+
+/// Iterations for a decade of the residual, over those of the solve after the build, from which a kept multigrid is too old.
+const WORN: f64 = 1.5;
+
+/// A multigrid that was built for an earlier matrix: it stays symmetric and positive, and slowly loses what it does.
+#[derive(Clone, Copy, Debug)]
+struct Kept {
+    rows: usize,
+    solves: usize,
+    /// Iterations for a decade of the residual in the solve after the build.
+    fresh: Option<f64>,
+    worn: bool,
+}
+
 /// Solver of `A x = b` with its settings and all its work vectors.
 ///
-/// Repeated solves of one size allocate nothing. The matrix is factorised or preconditioned anew in every solve.
+/// Repeated solves of one size allocate nothing. The matrix is factorised or preconditioned anew in every solve; multigrid is kept
+/// while it serves.
 pub struct LinearSolver {
     settings: SolverSettings,
+    kept: Option<Kept>,
     preconditioner: Preconditioner,
     dense: DenseLu,
     vectors: Vectors,
@@ -37,6 +55,7 @@ impl LinearSolver {
         Ok(Self {
             preconditioner: Preconditioner::new(settings.preconditioner),
             settings,
+            kept: None,
             dense: DenseLu::new(),
             vectors: Vectors::default(),
         })
@@ -75,6 +94,7 @@ impl LinearSolver {
         let SolverSettings { tolerance, max_iterations, method, .. } = self.settings;
         let max_iterations = if method == SolverMethod::Gauss { max_iterations.min(REFINEMENTS) } else { max_iterations };
 
+        let mut first = 0.0;
         loop {
             a.residual(x, b, &mut self.vectors.r);
             let last = report.residual;
@@ -84,6 +104,7 @@ impl LinearSolver {
                 return Err(not_finite(method, a, b, x, b_norm, &report, last));
             }
             if report.residual <= tolerance {
+                self.look_after(report.iterations, first / report.residual);
                 report.seconds = started.elapsed().as_secs_f64();
                 return Ok(report);
             }
@@ -92,24 +113,37 @@ impl LinearSolver {
                 return Err(SolveError::NotConverged { iterations, residual, tolerance });
             }
             if report.iterations == 0 {
+                first = report.residual;
                 let setup = Instant::now();
                 report.diagonal_shift = self.prepare(a)?;
                 report.setup_seconds = setup.elapsed().as_secs_f64();
             }
             let (target, budget) = (tolerance * b_norm, max_iterations - report.iterations);
-            report.iterations += self.restart(a, x, target, budget).map_err(|Stuck { reason, cure }| {
-                let SolveReport { iterations, residual, .. } = report;
-                SolveError::Breakdown { method: name(method), iterations, residual, reason, cure }
-            })?;
+            match self.restart(a, x, target, budget) {
+                Ok(iterations) => report.iterations += iterations,
+                // What was kept may have gone bad with a matrix that changed at once.
+                Err(_) if self.kept.is_some_and(|kept| kept.solves > 0) => {
+                    self.kept = None;
+                    self.prepare(a)?;
+                }
+                Err(Stuck { reason, cure }) => {
+                    let SolveReport { iterations, residual, .. } = report;
+                    return Err(SolveError::Breakdown { method: name(method), iterations, residual, reason, cure });
+                }
+            }
         }
     }
 
     /// Factorises or preconditions; answers the shift of the diagonal.
     fn prepare(&mut self, a: &CsrMatrix) -> Result<f64, SolveError> {
+        if self.serves(a) {
+            return Ok(0.0);
+        }
         let limit = match (self.settings.method, self.settings.preconditioner) {
             (SolverMethod::Gauss, _) => return self.dense.factor(a).map(|()| 0.0),
             (SolverMethod::Cg, _) => Some(("cg", CG_ASYMMETRY)),
             (_, PreconditionerKind::Ic0) => Some(("ic0", IC_ASYMMETRY)),
+            (_, PreconditionerKind::Multigrid) => Some(("multigrid", IC_ASYMMETRY)),
             _ => None,
         };
         if let Some((stage, limit)) = limit {
@@ -118,7 +152,29 @@ impl LinearSolver {
                 return Err(SolveError::NotSymmetric { stage, row, asymmetry, limit });
             }
         }
-        self.preconditioner.build(a)
+        self.kept = None;
+        let shift = self.preconditioner.build(a)?;
+        if self.settings.preconditioner == PreconditionerKind::Multigrid {
+            self.kept = Some(Kept { rows: a.rows(), solves: 0, fresh: None, worn: false });
+        }
+        Ok(shift)
+    }
+
+    /// Whether a kept multigrid is good for `a`.
+    fn serves(&self, a: &CsrMatrix) -> bool {
+        self.kept.is_some_and(|kept| kept.rows == a.rows() && !kept.worn && kept.solves < OLDEST)
+    }
+
+    /// Judges a kept multigrid by a solve of so many iterations that reduced the residual by `factor`.
+    fn look_after(&mut self, iterations: usize, factor: f64) {
+        // A tenth is the least from which a rate can be told.
+        if let Some(kept) = self.kept.as_mut().filter(|_| iterations > 0) {
+            kept.solves += 1;
+            if factor >= 10.0 {
+                let rate = iterations as f64 / factor.log10();
+                kept.worn = rate > WORN * *kept.fresh.get_or_insert(rate);
+            }
+        }
     }
 
     /// Improves `x` from the true residual; answers the iterations made.
