@@ -118,14 +118,16 @@ impl LinearSolver {
                 report.diagonal_shift = self.prepare(a)?;
                 report.setup_seconds = setup.elapsed().as_secs_f64();
             }
-            let (target, budget) = (tolerance * b_norm, max_iterations - report.iterations);
+            let (target, left) = (tolerance * b_norm, max_iterations - report.iterations);
+            let budget = left.min(self.patience((report.residual / tolerance).log10()));
             match self.restart(a, x, target, budget) {
-                Ok(iterations) => report.iterations += iterations,
-                // What was kept may have gone bad with a matrix that changed at once.
-                Err(_) if self.kept.is_some_and(|kept| kept.solves > 0) => {
-                    self.kept = None;
-                    self.prepare(a)?;
+                Ok(iterations) => {
+                    report.iterations += iterations;
+                    if iterations == budget && budget < left {
+                        self.rebuild(a)?;
+                    }
                 }
+                Err(_) if self.kept.is_some_and(|kept| kept.solves > 0) => self.rebuild(a)?,
                 Err(Stuck { reason, cure }) => {
                     let SolveReport { iterations, residual, .. } = report;
                     return Err(SolveError::Breakdown { method: name(method), iterations, residual, reason, cure });
@@ -163,6 +165,17 @@ impl LinearSolver {
     /// Whether a kept multigrid is good for `a`.
     fn serves(&self, a: &CsrMatrix) -> bool {
         self.kept.is_some_and(|kept| kept.rows == a.rows() && !kept.worn && kept.solves < OLDEST)
+    }
+
+    /// Iterations after which a kept multigrid has failed to reduce the residual by so many decades: the matrix has changed at once.
+    fn patience(&self, decades: f64) -> usize {
+        let rate = self.kept.filter(|kept| kept.solves > 0).and_then(|kept| kept.fresh);
+        rate.map_or(usize::MAX, |rate| (2.0 * WORN * rate * decades) as usize + 5)
+    }
+
+    fn rebuild(&mut self, a: &CsrMatrix) -> Result<(), SolveError> {
+        self.kept = None;
+        self.prepare(a).map(|_| ())
     }
 
     /// Judges a kept multigrid by a solve of so many iterations that reduced the residual by `factor`.
