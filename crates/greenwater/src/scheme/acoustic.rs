@@ -90,8 +90,8 @@ pub(super) struct Between<const D: usize> {
     pub h: f64,
     /// `W'/r`, m⁻ᴰ⁻², on the scale where the lattice differentiates linear fields exactly.
     pub dw: f64,
-    /// The gradient of the kernel, m⁻ᴰ⁻¹: `dw x_ab`, or that of a linear kernel where the pair terms ask for it.
-    pub grad: Vector<D>,
+    /// `∇_a W_ab` and `∇_b W_ba`, m⁻ᴰ⁻¹: `±dw x_ab`, or those of linear kernels where the pair terms ask for them.
+    pub grad: [Vector<D>; 2],
     /// Whether `b` belongs to a wall.
     pub wall: bool,
 }
@@ -400,7 +400,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                         if pair.r < self.kernel.radius() * pair.h {
                             let dw = slope * kernel.dw_over_r(pair.r, pair.h);
                             let wall = !p.is_fluid(pair.b);
-                            let grad = if F::LINEAR { shared_gradient(kernel, linear, a, &pair) } else { dw * pair.x_ab };
+                            let grad =
+                                if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
                             let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall };
                             sum += p.mass[pair.b] * flux.force(own, side(pair.b), between);
                         }
@@ -412,7 +413,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                     near.for_each(a, |pair| {
                         if pair.r < self.kernel.radius() * pair.h && p.is_fluid(pair.b) {
                             let dw = slope * kernel.dw_over_r(pair.r, pair.h);
-                            let grad = if F::LINEAR { -shared_gradient(kernel, linear, a, &pair) } else { dw * -pair.x_ab };
+                            let [of_wall, of_fluid] =
+                                if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
+                            let grad = [of_fluid, of_wall];
                             let between = Between { x_ab: -pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall: true };
                             sum -= p.mass[pair.b] * flux.force(side(pair.b), own, between);
                         }
@@ -440,11 +443,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                     if pair.r < self.kernel.radius() * pair.h {
                         let b = pair.b;
                         let dw = slope * kernel.dw_over_r(pair.r, pair.h);
-                        let grad = if F::LINEAR {
-                            linear[a].gradient(-pair.x_ab, kernel.w(pair.r, pair.h), kernel.dw_over_r(pair.r, pair.h))
-                        } else {
-                            dw * pair.x_ab
-                        };
+                        let grad = if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
                         let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall: !p.is_fluid(b) };
                         let jump = crate::physics::diffusion::jump(own.density, p.density[b], gradient[a], gradient[b], pair.x_ab);
                         sum += p.mass[b] * flux.rate(own, side(b), between, jump);
@@ -583,10 +582,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     }
 }
 
-/// The gradient of the linear kernels of `a` and its neighbour, antisymmetric in the pair.
+/// Gradients of the linear kernels of `a` and of its neighbour, each at its own particle.
 #[inline(always)]
-fn shared_gradient<K: Kernel<D>, const D: usize>(kernel: K, linear: &[LinearKernel<D>], a: usize, pair: &Pair<D>) -> Vector<D> {
-    linear[a].between(&linear[pair.b], -pair.x_ab, kernel.w(pair.r, pair.h), kernel.dw_over_r(pair.r, pair.h))
+fn linear_gradients<K: Kernel<D>, const D: usize>(kernel: K, linear: &[LinearKernel<D>], a: usize, pair: &Pair<D>) -> [Vector<D>; 2] {
+    let (w, dw) = (kernel.w(pair.r, pair.h), kernel.dw_over_r(pair.r, pair.h));
+    [linear[a].gradient(-pair.x_ab, w, dw), linear[pair.b].gradient(pair.x_ab, w, dw)]
 }
 
 /// Greatest speed of fluid, m/s.

@@ -32,8 +32,6 @@ pub struct RkpmSettings {
     pub delta: f64,
     /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
     pub alpha: f64,
-    /// What acts against clumping where the pressure is below zero.
-    pub tensile_control: TensileControl,
     /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
     pub shifting: f64,
     /// Share of a lack of volume inside the fluid that is closed while the fastest fluid moves by `h`, dimensionless, >= 0.
@@ -70,7 +68,6 @@ impl RkpmSettings {
             diffusion: Diffusion::Fourtakas,
             delta: 0.1,
             alpha: parent.alpha,
-            tensile_control: TensileControl::None,
             shifting: parent.shifting,
             volume_control: parent.volume_control,
             density_reset: DensityReset::None,
@@ -110,7 +107,7 @@ impl Relative for RkpmSettings {
             diffusion: self.diffusion,
             delta: self.delta,
             alpha: self.alpha,
-            tensile_control: self.tensile_control,
+            tensile_control: TensileControl::None,
             shifting: self.shifting,
             volume_control: self.volume_control,
             density_reset: self.density_reset,
@@ -164,8 +161,6 @@ pub struct MlsphSettings {
     pub delta: f64,
     /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
     pub alpha: f64,
-    /// What acts against clumping where the pressure is below zero.
-    pub tensile_control: TensileControl,
     /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
     pub shifting: f64,
     /// Share of a lack of volume inside the fluid that is closed while the fastest fluid moves by `h`, dimensionless, >= 0.
@@ -202,7 +197,6 @@ impl MlsphSettings {
             diffusion: Diffusion::Fourtakas,
             delta: 0.0,
             alpha: parent.alpha,
-            tensile_control: TensileControl::None,
             shifting: parent.shifting,
             volume_control: parent.volume_control,
             density_reset: DensityReset::Mls,
@@ -242,7 +236,7 @@ impl Relative for MlsphSettings {
             diffusion: self.diffusion,
             delta: self.delta,
             alpha: self.alpha,
-            tensile_control: self.tensile_control,
+            tensile_control: TensileControl::None,
             shifting: self.shifting,
             volume_control: self.volume_control,
             density_reset: self.density_reset,
@@ -282,12 +276,16 @@ fn dissipation(delta: f64, alpha: f64) -> [String; 2] {
 
 /// The pair terms with kernels that reproduce linear fields:
 ///
-/// `dρ_a/dt = Σ_b m_b v_ab·∇W^R_ab + diffusion`, `dv_a/dt = −Σ_b m_b (p_a + p_b)/ρ0² ½ (∇W^R_ab − ∇W^R_ba) + viscosity + g`,
-/// diffusion and viscosity as in δ-SPH. The divergence of a linear velocity is exact wherever a linear kernel exists; forces are
-/// equal and opposite in a pair, and not along the line between the two.
+/// `dρ_a/dt = Σ_b m_b v_ab·∇_a W^R_ab + diffusion`, `dv_a/dt = −Σ_b m_b (p_a ∇_a W^R_ab − p_b ∇_b W^R_ba)/ρ0² + viscosity + g`,
+/// diffusion and viscosity as in δ-SPH.
 ///
-/// Sources: Liu, Jun & Zhang, Int. J. Numer. Meth. Fluids 20 (1995) 1081; Dilts, Int. J. Numer. Meth. Eng. 44 (1999) 1115;
-/// Frontiere, Raskin & Owen, J. Comput. Phys. 332 (2017) 160.
+/// The divergence of a linear velocity is exact wherever a linear kernel exists. The force is the one whose work is that of the
+/// pressure on this divergence, `Σ m v·dv/dt = −Σ (m p/ρ0²) dρ/dt`: it is Galerkin's, `Σ_b V_b p_b ∇φ_a(x_b)` with the particles as
+/// quadrature points, since `Σ_b V_b ∇W^R_ab = 0`. Equal and opposite in a pair, not along the line between the two; what is linear
+/// is differentiated exactly, so that torques of the fluid on itself cancel, too.
+///
+/// Sources: Liu, Jun & Zhang, Int. J. Numer. Meth. Fluids 20 (1995) 1081; Dilts, Int. J. Numer. Meth. Eng. 44 (1999) 1115; pairs of
+/// corrected gradients after Bonet & Lok, Comput. Methods Appl. Mech. Eng. 180 (1999) 97.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LinearFlux {
     /// Diffusion, viscosity, walls.
@@ -303,16 +301,16 @@ impl<const D: usize> Flux<D> for LinearFlux {
 
     #[inline(always)]
     fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
-        let DeltaFlux { switch, wall_pulls, rest, .. } = self.shared;
-        let pulled = switch && a.inside && a.pressure < 0.0;
-        let pressure = if pulled { b.pressure - a.pressure } else { b.pressure + a.pressure };
-        let pressure = if pair.wall && !wall_pulls { pressure.max(0.0) } else { pressure };
-        let rest_of_it = self.shared.force(Side { pressure: 0.0, ..a }, Side { pressure: 0.0, ..b }, pair);
-        rest_of_it - pressure / (rest * rest) * pair.grad
+        let DeltaFlux { wall_pulls, rest, .. } = self.shared;
+        let mut force = self.shared.force(Side { pressure: 0.0, ..a }, Side { pressure: 0.0, ..b }, pair);
+        if !pair.wall || wall_pulls || a.pressure + b.pressure > 0.0 {
+            force -= (a.pressure * pair.grad[0] - b.pressure * pair.grad[1]) / (rest * rest);
+        }
+        force
     }
 
     #[inline(always)]
     fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
-        self.shared.rate(a, Side { v: a.v, ..b }, pair, jump) + (a.v - b.v).dot(pair.grad)
+        self.shared.rate(a, Side { v: a.v, ..b }, pair, jump) + (a.v - b.v).dot(pair.grad[0])
     }
 }

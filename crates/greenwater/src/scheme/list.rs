@@ -101,7 +101,7 @@ methods! {
     Edac(EdacSettings), "edac", "EDAC (weakly compressible)",
         "explicit, a diffusing pressure with an equation of its own; Clausen (2013), Ramachandran & Puri (2019)";
     Rkpm(RkpmSettings), "rkpm", "RKPM (weakly compressible, linear kernels)",
-        "explicit, kernels that reproduce linear fields, forces in pairs; Liu, Jun & Zhang (1995), Frontiere, Raskin & Owen (2017)";
+        "explicit, kernels that reproduce linear fields, Galerkin forces in pairs; Liu, Jun & Zhang (1995), Bonet & Lok (1999)";
     Mlsph(MlsphSettings), "mlsph", "MLSPH (weakly compressible, moving least squares)",
         "explicit, moving-least-squares interpolants, densities fitted anew; Dilts (1999), Colagrossi & Landrini (2003)";
     Isph(IsphSettings), "isph", "ISPH (incompressible, smooth and robust)",
