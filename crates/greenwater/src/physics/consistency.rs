@@ -14,9 +14,10 @@ use crate::neighbors::Neighbors;
 use crate::particles::Particles;
 
 /// Least share `S/M_0` of `S = M_0 − M_1·M_2⁻¹M_1` in `M_0 = Σ V W` for a linear fit: `M_0/S` is how much more a particle weighs in
-/// the fit than in the mean, and how much its noise grows. Inside the fluid the share is 1, at a flat surface of the continuum about
-/// 0.4, in the corner of a cube 0.16. Below a tenth the fit is an extrapolation.
-const LEAST_SHARE: f64 = 0.1;
+/// the fit than in the mean, and how much its noise grows. On the lattices in use the share is 1 inside the fluid, 0.68 and more at a
+/// flat surface, 0.52 in the corner of a square, 0.41 in that of a cube. Below 0.3 there is less fluid around than in any corner, and
+/// the fit is an extrapolation.
+const LEAST_SHARE: f64 = 0.3;
 
 /// Least `det M_2` over that of a neighbourhood as wide in every direction: below, neighbours lie in a line (in 3D a sheet) but for
 /// a fortieth of their spread, and there is no slope across it.
@@ -78,7 +79,7 @@ impl<const D: usize> Moments<D> {
         (schur >= LEAST_SHARE * self.zeroth).then_some(Solved { inverse, slope, schur })
     }
 
-    /// The weights of the neighbours: linear where `S >= M_0/10` and `det M_2 >= (tr M_2/D)ᴰ/10`, else Shepard's mean; nothing for
+    /// The weights of the neighbours: linear where `S >= 0.3 M_0` and `det M_2 >= (tr M_2/D)ᴰ/10`, else Shepard's mean; nothing for
     /// a particle alone.
     pub fn fit(&self) -> Fit<D> {
         match self.solve() {
@@ -331,7 +332,7 @@ mod tests {
         moments.kernel()
     }
 
-    /// Corners and faces of the block included. 1e-12: sums of up to 250 terms with factors up to ten.
+    /// Corners and faces of the block included. 1e-12: sums of up to 250 terms with factors of some units.
     fn patch<const D: usize>(n: i64) {
         let points = block::<D>(n);
         let slope = Vector::<D>(std::array::from_fn(|d| 0.7 - d as f64));

@@ -495,6 +495,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
             domain.refresh_column(normals);
         }
         self.dt_before = None;
+        self.since_reset = 0;
         self.evaluate(p, domain, &mut Phases::default())
     }
 
