@@ -195,15 +195,15 @@ fn still_water_stays_still() {
     }
 }
 
-/// Moving least squares keep the linear pressure of still water; the mean of the neighbourhood levels it at the surface and the
-/// floor, time after time.
+/// Moving least squares keep the linear pressure of still water; the mean of the neighbourhood, which lies above a particle at the
+/// floor and below one at the surface, levels it there. Seen right after new densities: sound makes up for it within a step or two.
 #[test]
 fn new_densities_by_moving_least_squares_keep_still_water_and_means_do_not() {
     let pressure_error = |density_reset| {
-        let settings = DeltaSphSettings { density_reset, density_reset_every: 2, ..DeltaSphSettings::preset(WATER) };
+        let settings = DeltaSphSettings { density_reset, density_reset_every: 1, ..DeltaSphSettings::preset(WATER) };
         still_water(&MethodSettings::DeltaSph(settings), 0.1).0
     };
     let (none, mls, mean) = (pressure_error(DensityReset::None), pressure_error(DensityReset::Mls), pressure_error(DensityReset::Shepard));
     assert!(mls < 1.5 * none, "{mls} against {none}");
-    assert!(mean > 3.0 * none, "{mean} against {none}");
+    assert!(mean > 1.5 * none, "{mean} against {none}");
 }

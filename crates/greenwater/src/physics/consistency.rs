@@ -241,7 +241,7 @@ pub enum DensityReset {
     None,
     /// The mean `Σ m W/Σ (m/ρ) W` of the neighbourhood (Shepard): levels the pressure of liquid at rest, too.
     Shepard,
-    /// `Σ m W^R`, moving least squares (Colagrossi & Landrini 2003): keeps linear densities. Particles that do not have neighbours all
+    /// `Σ m W^R`, moving least squares (Colagrossi & Landrini 2003): keeps linear densities. Particles that do not have fluid all
     /// around keep their density, since a fit at the rim makes mass.
     Mls,
 }
@@ -258,23 +258,21 @@ impl DensityReset {
 }
 
 /// The new density of the fluid particle `a`, kg/m³, from the fluid near it: `Σ_b m_b W^R_ab` with the volumes `m_b/ρ_b` (Colagrossi
-/// & Landrini, J. Comput. Phys. 191 (2003) 448). Walls have no density of their own; they tell the rim from the inside only.
+/// & Landrini, J. Comput. Phys. 191 (2003) 448). Walls have no density of their own: the row along a wall is a rim,
+/// too. A fit there would extrapolate, and an impact would find densities that nothing made.
 pub fn new_density<K: Kernel<D>, const D: usize>(kernel: K, near: &Neighbors<D>, p: &Particles<D>, reset: DensityReset, a: usize) -> f64 {
     if reset == DensityReset::None {
         return p.density[a];
     }
     let own = kernel.w(0.0, near.h(a));
     let mut fluid = Moments::alone(p.volume(a) * own);
-    let mut all = fluid;
     near.for_each(a, |pair| {
-        let weight = p.volume(pair.b) * kernel.w(pair.r, pair.h);
-        all.add(-pair.x_ab, weight);
         if p.is_fluid(pair.b) {
-            fluid.add(-pair.x_ab, weight);
+            fluid.add(-pair.x_ab, p.volume(pair.b) * kernel.w(pair.r, pair.h));
         }
     });
     let fit = match reset {
-        DensityReset::Mls if all.all_around() => fluid.fit(),
+        DensityReset::Mls if fluid.all_around() => fluid.fit(),
         DensityReset::Shepard => fluid.mean(),
         DensityReset::None | DensityReset::Mls => return p.density[a],
     };
