@@ -195,7 +195,7 @@ impl MlsphSettings {
             sound_factor: parent.sound_factor,
             reference_speed: None,
             diffusion: Diffusion::Fourtakas,
-            delta: 0.0,
+            delta: 0.1,
             alpha: parent.alpha,
             shifting: parent.shifting,
             volume_control: parent.volume_control,
@@ -265,7 +265,7 @@ impl Relative for MlsphSettings {
     }
 
     fn own_departures(&self) -> Vec<String> {
-        vec!["forces symmetrised after Frontiere, Raskin & Owen (2017)".to_owned(), "particles are shifted".to_owned()]
+        vec!["forces symmetrised after Frontiere, Raskin & Owen (2017)".to_owned(), "particles are shifted, density diffuses".to_owned()]
     }
 }
 
