@@ -3,6 +3,7 @@
 //! `x_ab = x_a − x_b`, `v_ab = v_a − v_b`; `∇_a W_ab = (W'/r) x_ab`, so `x_ab · ∇_a W_ab = (W'/r) r² <= 0`.
 
 pub mod arrangement;
+pub mod consistency;
 pub mod correction;
 pub mod density;
 pub mod diffusion;

@@ -2,9 +2,12 @@
 
 pub mod acoustic;
 pub mod delta_sph;
+pub mod edac;
 pub mod isph;
 pub mod isph_paper;
+pub mod linear;
 mod list;
+pub mod riemann;
 mod settings;
 pub mod wcsph;
 
@@ -20,9 +23,12 @@ use crate::time::{Phases, StepLimit};
 
 pub use acoustic::Acoustic;
 pub use delta_sph::{DeltaSph, DeltaSphSettings};
+pub use edac::EdacSettings;
 pub use isph::{Isph, IsphSettings, IsphShiftSettings};
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
+pub use linear::{MlsphSettings, RkpmSettings};
 pub use list::{MethodName, MethodSettings};
+pub use riemann::RiemannSettings;
 pub use settings::{BrokenRule, Distinction, Still};
 pub use wcsph::{Wcsph, WcsphSettings};
 

@@ -2,6 +2,7 @@
 //!
 //! A method brings its pair terms (`Flux`); this file moves the particles.
 
+pub(super) mod relative;
 mod start;
 
 use schemars::JsonSchema;
@@ -11,8 +12,9 @@ use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::math::Vector;
-use crate::neighbors::{Neighbors, Search};
+use crate::neighbors::{Neighbors, Pair, Search};
 use crate::particles::{Kind, Particles};
+use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new_density};
 use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
@@ -24,6 +26,9 @@ use crate::time::{Phases, StepLimit};
 use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
 
 use super::delta_sph::DeltaFlux;
+use super::edac::EdacFlux;
+use super::linear::LinearFlux;
+use super::riemann::RiemannFlux;
 
 /// How sound is stepped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -85,12 +90,17 @@ pub(super) struct Between<const D: usize> {
     pub h: f64,
     /// `W'/r`, m⁻ᴰ⁻², on the scale where the lattice differentiates linear fields exactly.
     pub dw: f64,
+    /// `∇_a W_ab` and `∇_b W_ba`, m⁻ᴰ⁻¹: `±dw x_ab`, or those of linear kernels where the pair terms ask for them.
+    pub grad: [Vector<D>; 2],
     /// Whether `b` belongs to a wall.
     pub wall: bool,
 }
 
 /// The pair terms of a method.
 pub(super) trait Flux<const D: usize>: Copy + Send + Sync {
+    /// Whether gradients are those of linear kernels.
+    const LINEAR: bool = false;
+
     /// The same terms for the speed of sound `sound`, m/s.
     fn with_sound(self, sound: f64) -> Self;
 
@@ -106,6 +116,9 @@ pub(super) trait Flux<const D: usize>: Copy + Send + Sync {
 #[derive(Clone, Copy, Debug)]
 pub(super) enum AnyFlux {
     Delta(DeltaFlux),
+    Riemann(RiemannFlux),
+    Edac(EdacFlux),
+    Linear(LinearFlux),
 }
 
 /// Calls `$body` with `$flux` bound to the pair terms: the choice is made once, outside every loop.
@@ -113,6 +126,9 @@ macro_rules! with_flux {
     ($any:expr, $flux:ident => $body:expr) => {
         match $any {
             AnyFlux::Delta($flux) => $body,
+            AnyFlux::Riemann($flux) => $body,
+            AnyFlux::Edac($flux) => $body,
+            AnyFlux::Linear($flux) => $body,
         }
     };
 }
@@ -137,6 +153,9 @@ pub(super) struct Plan {
     pub shifting: f64,
     /// Share of a lack of volume that is closed while the fastest fluid moves by `h`; 0 for none.
     pub volume_control: f64,
+    pub density_reset: DensityReset,
+    /// Steps from one new density to the next.
+    pub density_reset_every: u64,
     pub search: Search,
 }
 
@@ -200,6 +219,12 @@ pub struct Acoustic<K, const D: usize> {
     rate: Vec<f64>,
     /// Velocity at the start of the step, m/s.
     v_before: Vec<Vector<D>>,
+    /// The kernel of each row, for pair terms with linear kernels.
+    linear: Vec<LinearKernel<D>>,
+    /// Densities about to replace those of the particles, kg/m³.
+    fresh: Vec<f64>,
+    /// Steps since densities were set anew.
+    since_reset: u64,
 }
 
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
@@ -220,7 +245,16 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             wall_force: Vec::new(),
             rate: Vec::new(),
             v_before: Vec::new(),
+            linear: Vec::new(),
+            fresh: Vec::new(),
+            since_reset: 0,
         }
+    }
+
+    /// The same method with other pair terms.
+    pub(super) fn with_flux(mut self, flux: AnyFlux) -> Self {
+        self.plan.flux = flux;
+        self
     }
 
     /// Pairs, for positions that may have moved far.
@@ -352,6 +386,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn forces<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
         let flux = flux.with_sound(self.plan.state.sound);
         let (near, kernel, slope, gravity) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), self.medium.gravity);
+        let linear = &self.linear;
         let (place, viscous) = (&self.place, if self.medium.viscosity > 0.0 { &self.walls.velocity } else { &p.v });
         let side =
             |a: usize| Side { v: p.v[a], u: viscous[a], density: p.density[a], pressure: p.pressure[a], inside: place[a] == Place::Inside };
@@ -365,7 +400,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                         if pair.r < self.kernel.radius() * pair.h {
                             let dw = slope * kernel.dw_over_r(pair.r, pair.h);
                             let wall = !p.is_fluid(pair.b);
-                            let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, wall };
+                            let grad =
+                                if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
+                            let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall };
                             sum += p.mass[pair.b] * flux.force(own, side(pair.b), between);
                         }
                     });
@@ -376,7 +413,10 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                     near.for_each(a, |pair| {
                         if pair.r < self.kernel.radius() * pair.h && p.is_fluid(pair.b) {
                             let dw = slope * kernel.dw_over_r(pair.r, pair.h);
-                            let between = Between { x_ab: -pair.x_ab, r: pair.r, h: pair.h, dw, wall: true };
+                            let [of_wall, of_fluid] =
+                                if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
+                            let grad = [of_fluid, of_wall];
+                            let between = Between { x_ab: -pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall: true };
                             sum -= p.mass[pair.b] * flux.force(side(pair.b), own, between);
                         }
                     });
@@ -391,7 +431,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn rates<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
         let flux = flux.with_sound(self.plan.state.sound);
         let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), &self.gradient);
-        let shifts = &self.shifts;
+        let (shifts, linear) = (&self.shifts, &self.linear);
         let side = |a: usize| Side { v: p.v[a], u: p.v[a], density: p.density[a], pressure: p.pressure[a], inside: true };
         self.rate.resize(p.owned(), 0.0);
         sweep(&mut self.rate, |a| {
@@ -403,7 +443,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                     if pair.r < self.kernel.radius() * pair.h {
                         let b = pair.b;
                         let dw = slope * kernel.dw_over_r(pair.r, pair.h);
-                        let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, wall: !p.is_fluid(b) };
+                        let grad = if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
+                        let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall: !p.is_fluid(b) };
                         let jump = crate::physics::diffusion::jump(own.density, p.density[b], gradient[a], gradient[b], pair.x_ab);
                         sum += p.mass[b] * flux.rate(own, side(b), between, jump);
                     }
@@ -411,6 +452,39 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             }
             sum
         });
+    }
+
+    /// Linear kernels of the fluid at the positions of now, over fluid and walls. Walls go on where there are no more particles:
+    /// theirs are not corrected.
+    fn linear_kernels(&mut self, p: &Particles<D>, domain: &Domain<D>) {
+        let (near, kernel, rest) = (&self.near, self.kernel, self.plan.state.rest);
+        self.linear.resize(p.len(), LinearKernel::PLAIN);
+        sweep(&mut self.linear[..p.owned()], |a| {
+            if !p.is_fluid(a) {
+                return LinearKernel::PLAIN;
+            }
+            let mut moments = MovingMoments::alone(p.mass[a] / rest * kernel.w(0.0, p.h[a]));
+            near.for_each(a, |pair| {
+                let volume = p.mass[pair.b] / rest;
+                moments.add(-pair.x_ab, volume * kernel.w(pair.r, pair.h), volume * kernel.dw_over_r(pair.r, pair.h));
+            });
+            moments.kernel()
+        });
+        domain.refresh_column(&mut self.linear);
+    }
+
+    /// New densities, where the plan wants them after this step.
+    fn reset_density(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        self.since_reset += 1;
+        if self.plan.density_reset == DensityReset::None || self.since_reset < self.plan.density_reset_every {
+            return;
+        }
+        self.since_reset = 0;
+        let (near, kernel, reset, owned) = (&self.near, self.kernel, self.plan.density_reset, p.owned());
+        self.fresh.resize(owned, 0.0);
+        sweep(&mut self.fresh, |a| if p.is_fluid(a) { new_density(kernel, near, p, reset, a) } else { p.density[a] });
+        p.density[..owned].copy_from_slice(&self.fresh);
+        domain.refresh_column(&mut p.density);
     }
 
     /// The gradient of density that diffusion leaves alone.
@@ -455,6 +529,10 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         if self.medium.viscosity > 0.0 {
             phases.measure("walls", || self.walls.mirror_velocity(self.kernel, &self.near, p, domain));
         }
+        let linear = matches!(self.plan.flux, AnyFlux::Linear(_));
+        if linear {
+            phases.measure("kernels", || self.linear_kernels(p, domain));
+        }
         phases.measure("forces", || with_flux!(self.plan.flux, flux => self.forces(flux, p)));
         for (a, push) in self.push.iter().enumerate() {
             match p.kind[a] {
@@ -470,6 +548,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             self.drift(p, 0.5 * dt);
             self.follow(p, domain);
         });
+        if linear {
+            phases.measure("kernels", || self.linear_kernels(p, domain));
+        }
         phases.measure("density", || {
             self.gradients(p, domain);
             with_flux!(self.plan.flux, flux => self.rates(flux, p));
@@ -499,6 +580,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn sound_step(&self, p: &Particles<D>) -> f64 {
         self.plan.acoustic_courant * p.h_min() / (self.plan.state.sound + fastest(p))
     }
+}
+
+/// Gradients of the linear kernels of `a` and of its neighbour, each at its own particle.
+#[inline(always)]
+fn linear_gradients<K: Kernel<D>, const D: usize>(kernel: K, linear: &[LinearKernel<D>], a: usize, pair: &Pair<D>) -> [Vector<D>; 2] {
+    let (w, dw) = (kernel.w(pair.r, pair.h), kernel.dw_over_r(pair.r, pair.h));
+    [linear[a].gradient(-pair.x_ab, w, dw), linear[pair.b].gradient(pair.x_ab, w, dw)]
 }
 
 /// Greatest speed of fluid, m/s.
@@ -542,7 +630,10 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
             self.relax(p, domain, dt / count, 1.0 / count, phases);
         }
 
-        // (3) what others read
+        // (3) now and then, density from the neighbourhood
+        phases.measure("density", || self.reset_density(p, domain));
+
+        // (4) what others read
         phases.measure("pressure", || self.pressures(p, domain));
         for a in 0..p.owned() {
             if p.kind[a] == Kind::Fluid {

@@ -9,6 +9,7 @@ use super::{Medium, Preset, Scheme};
 use crate::kernel::{Kernel, KernelName};
 use crate::math::Vector;
 use crate::neighbors::Search;
+use crate::physics::consistency::DensityReset;
 use crate::physics::diffusion::Diffusion;
 use crate::physics::pressure::{Elasticity, GAMMA};
 use crate::physics::state::{EquationOfState, PressureLaw};
@@ -40,6 +41,10 @@ pub struct DeltaSphSettings {
     pub shifting: f64,
     /// Share of a lack of volume inside the fluid that is closed while the fastest fluid moves by `h`, dimensionless, >= 0.
     pub volume_control: f64,
+    /// Where new densities come from, now and then.
+    pub density_reset: DensityReset,
+    /// Steps from one new density to the next, >= 1.
+    pub density_reset_every: u64,
     /// How wall particles get their pressure.
     pub wall_pressure: WallPressure,
     /// How fluid slides along walls.
@@ -71,6 +76,8 @@ impl DeltaSphSettings {
             tensile_control: TensileControl::Switch,
             shifting: 1.0,
             volume_control: 0.1,
+            density_reset: DensityReset::None,
+            density_reset_every: 20,
             wall_pressure: WallPressure::Adami,
             wall_slip: WallSlip::NoSlip,
             wall_suction: WallSuction::None,
@@ -102,6 +109,7 @@ impl Settings for DeltaSphSettings {
         BrokenRule::unless_not_negative("alpha", self.alpha)?;
         BrokenRule::unless_not_negative("shifting", self.shifting)?;
         BrokenRule::unless_not_negative("volume_control", self.volume_control)?;
+        BrokenRule::unless(self.density_reset_every >= 1, "density_reset_every", self.density_reset_every, ">= 1")?;
         let share = self.acoustic_courant;
         BrokenRule::unless(share > 0.0 && share <= 1.0, "acoustic_courant", share, "> 0 and <= 1")
     }
@@ -141,6 +149,7 @@ impl Settings for DeltaSphSettings {
             Stepping::Dual => "position-Verlet in sound steps within a step of the flow (Zhang et al. 2020)",
             Stepping::Single => "position-Verlet",
         };
+        let reset = self.density_reset.words(self.density_reset_every);
         let limit = match self.stepping {
             Stepping::Dual => "speed; sound within a step",
             Stepping::Single => "sound speed plus speed",
@@ -149,7 +158,10 @@ impl Settings for DeltaSphSettings {
         vec![
             ("compressibility", format!("weakly compressible, sound speed {speed}")),
             ("pressure from", law.to_owned()),
-            ("density from", format!("continuity equation (22), diffusion by {diffusion}, delta = {}; at the start {start}", self.delta)),
+            (
+                "density from",
+                format!("continuity equation (22), diffusion by {diffusion}, delta = {}; at the start {start}{reset}", self.delta),
+            ),
             ("viscosity", format!("of the fluid, and artificial, alpha = {}", self.alpha)),
             ("time step limited by", limit.to_owned()),
             ("time stepping", stepping.to_owned()),
@@ -209,17 +221,7 @@ pub type DeltaSph<K, const D: usize> = Acoustic<K, D>;
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// The method `delta-sph` for a fluid, with a kernel and checked parameters.
     pub fn delta_sph(kernel: K, medium: Medium<D>, settings: &DeltaSphSettings) -> Self {
-        let flux = DeltaFlux {
-            delta: settings.delta,
-            alpha: settings.alpha,
-            // The speed of sound is known when the particles are.
-            sound: 0.0,
-            rest: medium.rest_density,
-            viscosity: medium.viscosity,
-            rubs: settings.wall_slip == WallSlip::NoSlip,
-            wall_pulls: settings.wall_suction == WallSuction::Full,
-            switch: settings.tensile_control == TensileControl::Switch,
-        };
+        let flux = DeltaFlux::of(settings, medium.rest_density, medium.viscosity);
         let sound = settings.reference_speed.map(|speed| settings.sound_factor * speed);
         Self::of(
             kernel,
@@ -237,6 +239,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 diffusion: settings.diffusion,
                 shifting: settings.shifting,
                 volume_control: settings.volume_control,
+                density_reset: settings.density_reset,
+                density_reset_every: settings.density_reset_every,
                 search: settings.search,
             },
         )
@@ -262,6 +266,23 @@ pub(super) struct DeltaFlux {
     pub wall_pulls: bool,
     /// Tensile control by Sun et al. (2018).
     pub switch: bool,
+}
+
+impl DeltaFlux {
+    /// The pair terms of a fluid of density `rest`, kg/m³, and viscosity `viscosity`, Pa s.
+    pub fn of(settings: &DeltaSphSettings, rest: f64, viscosity: f64) -> Self {
+        Self {
+            delta: settings.delta,
+            alpha: settings.alpha,
+            // The speed of sound is known when the particles are.
+            sound: 0.0,
+            rest,
+            viscosity,
+            rubs: settings.wall_slip == WallSlip::NoSlip,
+            wall_pulls: settings.wall_suction == WallSuction::Full,
+            switch: settings.tensile_control == TensileControl::Switch,
+        }
+    }
 }
 
 impl<const D: usize> Flux<D> for DeltaFlux {

@@ -4,7 +4,10 @@ use schemars::{Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
-use super::{DeltaSphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, Preset, Scheme, WcsphSettings};
+use super::{
+    DeltaSphSettings, EdacSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, MlsphSettings, Preset, RiemannSettings,
+    RkpmSettings, Scheme, WcsphSettings,
+};
 use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
@@ -93,6 +96,14 @@ methods! {
         "a pressure equation each step, Morris walls; Afanasiev, Makarchuk & Popov (2008), after Shao & Lo (2003)";
     DeltaSph(DeltaSphSettings), "delta-sph", "\u{3b4}-SPH (weakly compressible)",
         "explicit, weakly compressible, density diffusion, walls that carry pressure; Marrone et al. (2011), Adami, Hu & Adams (2012)";
+    Riemann(RiemannSettings), "riemann", "Riemann SPH (weakly compressible)",
+        "explicit, weakly compressible, a low-dissipation Riemann problem in each pair; Zhang, Hu & Adams (2017)";
+    Edac(EdacSettings), "edac", "EDAC (weakly compressible)",
+        "explicit, a diffusing pressure with an equation of its own; Clausen (2013), Ramachandran & Puri (2019)";
+    Rkpm(RkpmSettings), "rkpm", "RKPM (weakly compressible, linear kernels)",
+        "explicit, kernels that reproduce linear fields, Galerkin forces in pairs; Liu, Jun & Zhang (1995), Bonet & Lok (1999)";
+    Mlsph(MlsphSettings), "mlsph", "MLSPH (weakly compressible, moving least squares)",
+        "explicit, moving-least-squares interpolants, densities fitted anew; Dilts (1999), Colagrossi & Landrini (2003)";
     Isph(IsphSettings), "isph", "ISPH (incompressible, smooth and robust)",
         "compact pressure equation, exact projections for velocity and density; Cummins & Rudman (1999), Nair & Tomar (2014), Bender & Koschier (2017)";
     IsphShift(IsphShiftSettings), "isph-shift", "ISPH (incompressible, flows that fill their domain)",

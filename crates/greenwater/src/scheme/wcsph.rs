@@ -10,6 +10,7 @@ use crate::kernel::{Kernel, KernelName};
 use crate::math::Vector;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
+use crate::physics::consistency::{DensityReset, new_density};
 use crate::physics::continuity;
 use crate::physics::pressure::{Elasticity, GAMMA, speed_of_sound, symmetric, tait};
 use crate::physics::viscosity::{Approach, Tensor, artificial, contract, stress};
@@ -80,6 +81,10 @@ pub struct WcsphSettings {
     /// Range `r0` of (34), m; left out: the particle spacing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wall_range: Option<f64>,
+    /// Where new densities come from, now and then.
+    pub density_reset: DensityReset,
+    /// Steps from one new density to the next, >= 1.
+    pub density_reset_every: u64,
     /// How pairs are found.
     pub search: Search,
 }
@@ -114,6 +119,8 @@ impl WcsphSettings {
             wall_exponents: [12, 6],
             wall_strength: None,
             wall_range: None,
+            density_reset: DensityReset::None,
+            density_reset_every: 20,
             search: Search::Grid,
         };
         match preset {
@@ -143,6 +150,7 @@ impl Settings for WcsphSettings {
         BrokenRule::unless_not_negative("alpha", s.alpha)?;
         BrokenRule::unless_not_negative("beta", s.beta)?;
         BrokenRule::unless_positive("eta", s.eta)?;
+        BrokenRule::unless(s.density_reset_every >= 1, "density_reset_every", s.density_reset_every, ">= 1")?;
         let [high, low] = s.wall_exponents;
         let rule = "two whole numbers >= 1, the larger first";
         BrokenRule::unless(high > low && low >= 1, "wall_exponents", format!("[{high}, {low}]"), rule)?;
@@ -164,6 +172,7 @@ impl Settings for WcsphSettings {
             Some(InitialDensity::Given) => "as given",
             Some(InitialDensity::Hydrostatic) | None => "under the weight of the fluid above",
         };
+        let reset = s.density_reset.words(s.density_reset_every);
         let [high, low] = s.wall_exponents;
         let walls = match s.wall_force {
             WallForce::LennardJones => format!("Lennard-Jones force (33)-(34), repulsion only, exponents {high} and {low}"),
@@ -173,7 +182,7 @@ impl Settings for WcsphSettings {
         vec![
             ("compressibility", format!("weakly compressible, sound speed sqrt({stiffness} g H)")),
             ("pressure from", pressure),
-            ("density from", format!("continuity equation (22); at the start {start}")),
+            ("density from", format!("continuity equation (22); at the start {start}{reset}")),
             ("viscosity", format!("artificial (13), alpha = {}, beta = {}, and the stress (23)-(24)", s.alpha, s.beta)),
             ("time step limited by", "sound speed plus speed (32)".to_owned()),
             ("time stepping", "explicit, predictor-corrector (27)-(28)".to_owned()),
@@ -205,6 +214,9 @@ impl Settings for WcsphSettings {
         if s.wall_exponents != printed.wall_exponents {
             let ([high, low], [printed_high, printed_low]) = (s.wall_exponents, printed.wall_exponents);
             found.push(format!("exponents of (33) {high} and {low} in place of the printed {printed_high} and {printed_low}"));
+        }
+        if s.density_reset != DensityReset::None {
+            found.push(format!("density{}", s.density_reset.words(s.density_reset_every)));
         }
         paper_departures(viscosity, kernel, &mut found);
         found
@@ -270,6 +282,10 @@ pub struct Wcsph<K, const D: usize> {
     density_half: Vec<f64>,
     /// The step before, s; none yet at the start.
     dt_before: Option<f64>,
+    /// Densities about to replace those of the particles, kg/m³.
+    fresh: Vec<f64>,
+    /// Steps since densities were set anew.
+    since_reset: u64,
 }
 
 impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
@@ -301,6 +317,8 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
             v_half: Vec::new(),
             density_half: Vec::new(),
             dt_before: None,
+            fresh: Vec::new(),
+            since_reset: 0,
         }
     }
 
@@ -383,6 +401,25 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         domain.refresh_column(&mut self.stress);
     }
 
+    /// New densities, where the settings want them after this step, at the whole step and at the half step before; then what
+    /// follows from them.
+    fn reset_density(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
+        self.since_reset += 1;
+        let reset = self.settings.density_reset;
+        if reset == DensityReset::None || self.since_reset < self.settings.density_reset_every {
+            return Ok(());
+        }
+        self.since_reset = 0;
+        let (near, kernel, owned) = (&self.near, self.kernel, p.owned());
+        self.fresh.resize(owned, 0.0);
+        sweep(&mut self.fresh, |a| if p.is_fluid(a) { new_density(kernel, near, p, reset, a) } else { p.density[a] });
+        for a in 0..owned {
+            self.density_half[a] += self.fresh[a] - p.density[a];
+            p.density[a] = self.fresh[a];
+        }
+        self.evaluate(p, domain, phases)
+    }
+
     /// (21) and (22): acceleration and rate of density of the fluid, and the force on the walls. Walls act by their force alone:
     /// `wall(p, fluid, wall, x_ab, r, h)`, m/s², on the fluid particle.
     fn forces(&self, p: &mut Particles<D>, wall: impl Fn(&Particles<D>, usize, usize, Vector<D>, f64, f64) -> Vector<D> + Sync) {
@@ -458,6 +495,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
             domain.refresh_column(normals);
         }
         self.dt_before = None;
+        self.since_reset = 0;
         self.evaluate(p, domain, &mut Phases::default())
     }
 
@@ -494,6 +532,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
         });
         // (21)-(26) at the new positions
         self.evaluate(p, domain, phases)?;
+        self.reset_density(p, domain, phases)?;
         Ok(StepReport::default())
     }
 }
