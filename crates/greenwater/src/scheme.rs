@@ -1,7 +1,10 @@
 //! The methods: one file a published method, and the list of them.
 
 pub mod acoustic;
+mod adjoint;
 pub mod delta_sph;
+pub mod dfsph;
+pub mod iisph;
 pub mod isph;
 pub mod isph_paper;
 mod list;
@@ -20,6 +23,8 @@ use crate::time::{Phases, StepLimit};
 
 pub use acoustic::Acoustic;
 pub use delta_sph::{DeltaSph, DeltaSphSettings};
+pub use dfsph::{Dfsph, DfsphSettings};
+pub use iisph::{Iisph, IisphSettings};
 pub use isph::{Isph, IsphSettings, IsphShiftSettings};
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
 pub use list::{MethodName, MethodSettings};

@@ -4,7 +4,9 @@ use schemars::{Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
-use super::{DeltaSphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, Preset, Scheme, WcsphSettings};
+use super::{
+    DeltaSphSettings, DfsphSettings, IisphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, Preset, Scheme, WcsphSettings,
+};
 use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
@@ -97,6 +99,10 @@ methods! {
         "compact pressure equation, exact projections for velocity and density; Cummins & Rudman (1999), Nair & Tomar (2014), Bender & Koschier (2017)";
     IsphShift(IsphShiftSettings), "isph-shift", "ISPH (incompressible, flows that fill their domain)",
         "divergence-free ISPH with shifting and no free surface; Xu, Stansby & Laurence (2009), Lind et al. (2012)";
+    Dfsph(DfsphSettings), "dfsph", "DFSPH (incompressible, exact projections)",
+        "exact projections of velocity and density, robust, pressure noisy; Bender & Koschier (2017)";
+    Iisph(IisphSettings), "iisph", "IISPH (incompressible, exact projection)",
+        "exact projection of the density, robust, pressure noisy; Ihmsen et al. (2014)";
 }
 
 impl MethodSettings {
