@@ -8,6 +8,7 @@ pub mod iisph;
 pub mod isph;
 pub mod isph_paper;
 mod list;
+pub mod mps;
 mod settings;
 pub mod wcsph;
 
@@ -28,6 +29,7 @@ pub use iisph::{Iisph, IisphSettings};
 pub use isph::{Isph, IsphSettings, IsphShiftSettings};
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
 pub use list::{MethodName, MethodSettings};
+pub use mps::{Mps, MpsModernSettings, MpsSettings};
 pub use settings::{BrokenRule, Distinction, Still};
 pub use wcsph::{Wcsph, WcsphSettings};
 

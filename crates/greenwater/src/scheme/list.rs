@@ -5,7 +5,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
 use super::{
-    DeltaSphSettings, DfsphSettings, IisphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, Preset, Scheme, WcsphSettings,
+    DeltaSphSettings, DfsphSettings, IisphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, MpsModernSettings, MpsSettings,
+    Preset, Scheme, WcsphSettings,
 };
 use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;
@@ -42,6 +43,11 @@ macro_rules! methods {
             /// Kernel and smoothing length over spacing where a case names none.
             pub fn kernel(self) -> (KernelName, f64) {
                 match self { $(Self::$variant => <$settings as Settings>::KERNEL),* }
+            }
+
+            /// Whether the method works with the kernel of the case; `false` if its weights are its own.
+            pub fn takes_kernel(self) -> bool {
+                match self { $(Self::$variant => <$settings as Settings>::TAKES_KERNEL),* }
             }
 
             /// The JSON schema of the method's parameters.
@@ -103,6 +109,10 @@ methods! {
         "exact projections of velocity and density, robust, pressure noisy; Bender & Koschier (2017)";
     Iisph(IisphSettings), "iisph", "IISPH (incompressible, exact projection)",
         "exact projection of the density, robust, pressure noisy; Ihmsen et al. (2014)";
+    Mps(MpsSettings), "mps", "MPS (incompressible, moving particle semi-implicit)",
+        "weights of its own in place of a kernel, pressure from the number density; Koshizuka & Oka (1996)";
+    MpsModern(MpsModernSettings), "mps-modern", "MPS (incompressible, relaxed source, corrected gradient)",
+        "moving particle semi-implicit; Tanaka & Masunaga (2010), Lee et al. (2011), Khayyer & Gotoh (2011)";
 }
 
 impl MethodSettings {

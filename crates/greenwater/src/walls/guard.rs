@@ -4,6 +4,8 @@ use crate::domain::Domain;
 use crate::math::Vector;
 use crate::neighbors::Neighbors;
 use crate::particles::Particles;
+use crate::reduce::sum;
+use crate::sweep::update;
 
 /// A fluid particle after its move, and what walls did to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,6 +79,24 @@ pub fn force_of_set_back<const D: usize>(
         }
     });
     total
+}
+
+/// For methods whose forces of pairs do not cancel: adds to the forces on walls what the momentum of the fluid says is missing,
+/// along each axis by their size, at most as much as is there. `p.acceleration` of fluid is that of the whole step.
+pub fn balance<const D: usize>(p: &mut Particles<D>, gravity: Vector<D>) {
+    let owned = p.owned();
+    let mut force = std::mem::take(&mut p.force);
+    for d in 0..D {
+        let on_walls = sum(owned, |a| force[a][d]);
+        let exerted = sum(owned, |a| force[a][d].abs());
+        let of_fluid = sum(owned, |a| if p.is_fluid(a) { p.mass[a] * (p.acceleration[a][d] - gravity[d]) } else { 0.0 });
+        let missing = -of_fluid - on_walls;
+        if exerted > 0.0 {
+            let share = (missing / exerted).clamp(-1.0, 1.0);
+            update(&mut force[..owned], |_, force| force[d] += share * force[d].abs());
+        }
+    }
+    p.force = force;
 }
 
 #[cfg(test)]
