@@ -58,6 +58,8 @@ pub(super) struct Flow<const D: usize> {
     diagonal: Vec<f64>,
     weight: Vec<f64>,
     source: Vec<f64>,
+    /// Rows without pressure in the present solve: see [`idle`](Self::idle).
+    idle: Vec<bool>,
     with_ghosts: Vec<f64>,
     gradient: Vec<Vector<D>>,
     work: Workspace,
@@ -87,6 +89,7 @@ impl<const D: usize> Flow<D> {
             diagonal: Vec::new(),
             weight: Vec::new(),
             source: Vec::new(),
+            idle: Vec::new(),
             with_ghosts: Vec::new(),
             gradient: Vec::new(),
             work: Workspace::default(),
@@ -265,6 +268,14 @@ impl<const D: usize> Flow<D> {
         if at.place == Place::Inside { wanted } else { wanted.max(0.0) }
     }
 
+    /// Whether `a` has no pressure, if `wanted` is what it asks for: on the surface where nothing compresses it, and in spray, with
+    /// less than half the neighbours of the outermost row of a flat surface. Chains of such particles have pressures that push
+    /// nobody, alternating from one to the next.
+    fn idle(&self, p: &Particles<D>, wanted: f64, a: usize) -> bool {
+        let at = &self.at[a];
+        !p.is_fluid(a) || at.place == Place::Surface && (wanted <= 0.0 || at.spread < 0.5 * self.lattice.spread_row[0])
+    }
+
     /// Finds `p` with `D (v − (Δt/ρ0) G p)` as `aim` says, and sets `v −= (Δt/ρ0) G p`; `p` is added to the pressure and its
     /// forces on walls to theirs. `guess` is where the search starts, and is left at what was found.
     pub fn press(
@@ -281,6 +292,13 @@ impl<const D: usize> Flow<D> {
         let mut source = std::mem::take(&mut self.source);
         source.resize(owned, 0.0);
         sweep(&mut source, |a| if p.is_fluid(a) { self.weight[a] * rest / dt * self.wanted(aim, dt, a) } else { 0.0 });
+        let mut idle = std::mem::take(&mut self.idle);
+        idle.resize(owned, true);
+        sweep(&mut idle, |a| self.idle(p, source[a], a));
+        for a in (0..owned).filter(|&a| idle[a]) {
+            (source[a], guess[a]) = (0.0, 0.0);
+        }
+        self.idle = idle;
         // Without a surface a constant pressure means nothing.
         let closed = !self.places[..owned].contains(&Place::Surface) && !p.kind[..owned].contains(&Kind::Wall);
         let level = |column: &mut [f64]| {
@@ -313,7 +331,7 @@ impl<const D: usize> Flow<D> {
         let solved = projection::solve(
             |q, aq| {
                 apply_gradient(q, &mut gradient);
-                sweep(aq, |a| if p.is_fluid(a) { -this.weight[a] * this.divergence(&gradient, a) } else { 0.0 });
+                sweep(aq, |a| if this.idle[a] { 0.0 } else { -this.weight[a] * this.divergence(&gradient, a) });
             },
             level,
             &this.diagonal,
@@ -475,7 +493,7 @@ mod tests {
             let report = flow.press(&p, &domain, aim, dt, &mut Vec::new()).unwrap();
             assert!(report.residual <= 1e-10 && report.iterations > 3, "{report:?}");
             let size = before.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-            for a in (0..p.owned()).filter(|&a| p.is_fluid(a)) {
+            for a in (0..p.owned()).filter(|&a| !flow.idle[a]) {
                 let gained = flow.divergence(&flow.v, a) - was[a];
                 // 1e-8: the residual is a mean over rows of which the worst may have all.
                 assert!((gained - before[a]).abs() < 1e-8 * size, "{aim:?}: {gained}, not {} at row {a}", before[a]);

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::settings::{BrokenRule, Settings};
+use super::settings::{BrokenRule, Settings, changed};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::{Kernel, KernelName, WendlandC2};
@@ -27,12 +27,16 @@ pub enum MpsSurface {
     Dilts,
 }
 
-/// Parameters of the method `mps`.
+/// Parameters of the methods `mps` and `mps-modern`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MpsSettings {
     /// Where the defaults come from.
     pub preset: Preset,
+    /// Share of the error of the number density in the source of the pressure equation, dimensionless, > 0 and <= 1.
+    pub relaxation: f64,
+    /// Distance below which approaching particles collide, in spacings, >= 0 and < 1; 0 switches collisions off.
+    pub collision_distance: f64,
     /// Reach of the weight of gradient and number density, in spacings, > 1 and <= 4.
     pub reach: f64,
     /// Reach of the weight of the Laplacian, in spacings, > 1 and <= 4.
@@ -48,10 +52,17 @@ pub struct MpsSettings {
 }
 
 impl MpsSettings {
-    /// The defaults; both presets are the same.
+    /// The defaults of `preset` for `mps`: as printed, or with the relaxation and the collisions of the textbook (Koshizuka, Shibata &
+    /// Murotani 2018). As printed, the source removes 1.4 times the error on a lattice, more than the 4/3 that are stable.
     pub fn preset(preset: Preset) -> Self {
+        let (relaxation, collision_distance) = match preset {
+            Preset::Paper => (1.0, 0.0),
+            Preset::Water => (0.2, 0.5),
+        };
         Self {
             preset,
+            relaxation,
+            collision_distance,
             reach: 2.1,
             laplacian_reach: 4.0,
             surface: MpsSurface::Density,
@@ -81,7 +92,9 @@ impl MpsSettings {
     }
 
     fn check_all(&self) -> Result<(), BrokenRule> {
-        let share = self.surface_threshold;
+        let (share, relaxation, near) = (self.surface_threshold, self.relaxation, self.collision_distance);
+        BrokenRule::unless(relaxation > 0.0 && relaxation <= 1.0, "relaxation", relaxation, "> 0 and <= 1")?;
+        BrokenRule::unless((0.0..1.0).contains(&near), "collision_distance", near, ">= 0 and < 1")?;
         // Beyond four spacings nothing is looked for.
         BrokenRule::unless(self.reach > 1.0 && self.reach <= 4.0, "reach", self.reach, "> 1 and <= 4")?;
         let far = self.laplacian_reach;
@@ -127,11 +140,21 @@ impl Settings for MpsSettings {
     }
 
     fn distinctions(&self) -> Vec<(&'static str, String)> {
-        self.rows("the number density after the prediction; an error removed within a step", "pressure over the lowest around")
+        let from = format!("{} of the error of the number density after the prediction", self.relaxation);
+        self.rows(&from, "pressure over the lowest around")
     }
 
     fn departures(&self, _viscosity: f64, _kernel: KernelName) -> Vec<String> {
-        added()
+        let (printed, mut found) = (Self::preset(Preset::Paper), added());
+        changed("share of the density error in the source", self.relaxation, printed.relaxation, &mut found);
+        changed("distance of collisions, in spacings,", self.collision_distance, printed.collision_distance, &mut found);
+        changed("reach of the weight, in spacings,", self.reach, printed.reach, &mut found);
+        changed("reach of the weight of the Laplacian, in spacings,", self.laplacian_reach, printed.laplacian_reach, &mut found);
+        changed("share of the number density that marks the surface", self.surface_threshold, printed.surface_threshold, &mut found);
+        if self.surface == MpsSurface::Dilts {
+            found.push("the surface is found by uncovered arcs (Dilts 2000) in place of the number density".to_owned());
+        }
+        found
     }
 
     fn time_step_rule(&self, courant: f64) -> String {
@@ -147,83 +170,39 @@ impl Settings for MpsSettings {
     }
 }
 
-/// Parameters of the method `mps-modern`.
+/// Parameters of the method `mps-modern`: those of `mps`, with defaults of its own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct MpsModernSettings {
-    /// Where the defaults come from.
-    pub preset: Preset,
-    /// Share of the density error that a step removes, dimensionless, >= 0 and <= 1.
-    pub relaxation: f64,
-    /// Distance below which approaching particles collide, in spacings, >= 0 and < 1; 0 switches collisions off.
-    pub collision_distance: f64,
-    /// Reach of the weight of gradient and number density, in spacings, > 1 and <= 4.
-    pub reach: f64,
-    /// Reach of the weight of the Laplacian, in spacings, > 1 and <= 4.
-    pub laplacian_reach: f64,
-    /// How the free surface is told.
-    pub surface: MpsSurface,
-    /// Share of the lattice's number density below which a particle belongs to the surface, in (0, 1); for `surface = "density"`.
-    pub surface_threshold: f64,
-    /// How pairs are found.
-    pub search: Search,
-    /// Solver of the pressure equation.
-    pub solver: SolverSettings,
-}
-
-impl MpsModernSettings {
-    /// The defaults; both presets are the same.
-    pub fn preset(preset: Preset) -> Self {
-        Self {
-            preset,
-            relaxation: 0.02,
-            collision_distance: 0.5,
-            reach: 3.1,
-            laplacian_reach: 3.1,
-            surface: MpsSurface::Dilts,
-            surface_threshold: 0.97,
-            search: Search::Grid,
-            solver: SolverSettings { tolerance: 1e-4, ..SolverSettings::default() },
-        }
-    }
-
-    /// What both methods have.
-    fn common(&self) -> MpsSettings {
-        MpsSettings {
-            preset: self.preset,
-            reach: self.reach,
-            laplacian_reach: self.laplacian_reach,
-            surface: self.surface,
-            surface_threshold: self.surface_threshold,
-            search: self.search,
-            solver: self.solver.clone(),
-        }
-    }
-}
+#[serde(transparent)]
+pub struct MpsModernSettings(pub MpsSettings);
 
 impl Settings for MpsModernSettings {
     const KERNEL: (KernelName, f64) = MpsSettings::KERNEL;
     const TAKES_KERNEL: bool = false;
-    const STEP_COST: f64 = 1.6e-7;
+    const STEP_COST: f64 = MpsSettings::STEP_COST;
 
+    /// Both presets are the same.
     fn preset(preset: Preset) -> Self {
-        Self::preset(preset)
+        Self(MpsSettings {
+            preset,
+            relaxation: 0.02,
+            laplacian_reach: 3.1,
+            surface: MpsSurface::Dilts,
+            solver: SolverSettings { tolerance: 1e-4, ..SolverSettings::default() },
+            ..MpsSettings::preset(Preset::Water)
+        })
     }
 
     fn preset_name(&self) -> Preset {
-        self.preset
+        self.0.preset
     }
 
     fn check(&self, _reach: f64) -> Result<(), BrokenRule> {
-        let (share, near) = (self.relaxation, self.collision_distance);
-        BrokenRule::unless((0.0..=1.0).contains(&share), "relaxation", share, ">= 0 and <= 1")?;
-        BrokenRule::unless((0.0..1.0).contains(&near), "collision_distance", near, ">= 0 and < 1")?;
-        self.common().check_all()
+        self.0.check_all()
     }
 
     fn distinctions(&self) -> Vec<(&'static str, String)> {
-        let from = format!("div v = 0 and {} of the density error in a step", self.relaxation);
-        self.common().rows(&from, "a corrected gradient and repulsion")
+        let from = format!("div v = 0 and {} of the error of the number density", self.0.relaxation);
+        self.0.rows(&from, "a corrected gradient and repulsion")
     }
 
     fn departures(&self, _viscosity: f64, _kernel: KernelName) -> Vec<String> {
@@ -239,8 +218,7 @@ impl Settings for MpsModernSettings {
     }
 
     fn scheme<K: Kernel<D>, const D: usize>(&self, _kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
-        let recipe = Recipe::Modern { relaxation: self.relaxation, collision: self.collision_distance };
-        Ok(Box::new(Mps::new(medium, recipe, &self.common())?))
+        Ok(Box::new(Mps::new(medium, Recipe::Modern, &self.0)?))
     }
 }
 
@@ -249,8 +227,8 @@ impl Settings for MpsModernSettings {
 enum Recipe {
     /// Koshizuka & Oka (1996).
     Original,
-    /// Relaxed source, corrected gradient, collisions.
-    Modern { relaxation: f64, collision: f64 },
+    /// Divergence in the source, corrected gradient.
+    Modern,
 }
 
 /// `w(r) = r_e/r − 1` up to `r_e`, dimensionless, and its sums over the lattice (Koshizuka & Oka 1996).
@@ -311,7 +289,9 @@ const RESTITUTION: f64 = 0.2;
 /// `mps`: `v* = v + Δt (g + ν ∇²v)`, `r* = r + Δt v*`; `∇²p = −(ρ/Δt²)(n* − n0)/n0` at `r*`, `p = 0` on the surface and not below
 /// zero; `v = v* − (Δt/ρ)(D/n0) Σ w (p_b − p_min) x_ba/r²`. Source: Koshizuka & Oka, Nucl. Sci. Eng. 123 (1996) 421.
 ///
-/// `mps-modern`: all at `r`: `∇²p = (ρ/Δt) ∇·v* − γ (ρ/Δt²)(n − n0)/n0` (Tanaka & Masunaga 2010; Lee et al. 2011) and the gradient
+/// With the preset `water` a fifth of the error, and collisions.
+///
+/// `mps-modern`: all at `r`: `∇²p = (ρ/Δt) ∇·v* − γ (ρ/Δt²)(n − n0)/n0`, `p` not below zero (Tanaka & Masunaga 2010; Lee et al. 2011) and the gradient
 /// `M Σ w (p_b − p_a) x_ba/r² + (D/n0)(p_a − p_min) Σ w x_ba/r²` with `M = (Σ w x⊗x/r²)⁻¹` (Khayyer & Gotoh 2011).
 pub struct Mps<const D: usize> {
     medium: Medium<D>,
@@ -478,12 +458,12 @@ impl<const D: usize> Mps<D> {
         let (owned, rest) = (p.owned(), self.medium.rest_density);
         let mut source = std::mem::take(&mut self.source);
         source.resize(owned, 0.0);
-        let this = &*self;
+        let (this, relaxation) = (&*self, self.settings.relaxation);
         match self.recipe {
             Recipe::Original => sweep(&mut source, |a| {
-                if has_pressure(p, a) { rest / (dt * dt) * (this.number[a] / this.weight.sum - 1.0) } else { 0.0 }
+                if has_pressure(p, a) { rest / (dt * dt) * relaxation * (this.number[a] / this.weight.sum - 1.0) } else { 0.0 }
             }),
-            Recipe::Modern { relaxation, .. } => sweep(&mut source, |a| {
+            Recipe::Modern => sweep(&mut source, |a| {
                 if !has_pressure(p, a) {
                     return 0.0;
                 }
@@ -503,9 +483,7 @@ impl<const D: usize> Mps<D> {
         self.solution.resize(owned, 0.0);
         sweep(&mut self.solution, |a| if has_pressure(p, a) { p.pressure[a] } else { 0.0 });
         let report = self.solver.solve(&self.matrix, &self.source, &mut self.solution)?;
-        if self.recipe == Recipe::Original {
-            self.solution.iter_mut().for_each(|pressure| *pressure = pressure.max(0.0));
-        }
+        self.solution.iter_mut().for_each(|pressure| *pressure = pressure.max(0.0));
         let (solution, parents) = (&self.solution, &self.parents);
         sweep(&mut p.pressure[..owned], |a| solution[parents[a] as usize]);
         domain.refresh_column(&mut p.pressure);
@@ -594,8 +572,8 @@ impl<const D: usize> Mps<D> {
         p.force = force;
         domain.refresh_column(&mut next);
         self.v_next = std::mem::replace(&mut self.v, next);
-        if let Recipe::Modern { collision, .. } = self.recipe {
-            self.collide(p, collision * self.medium.spacing);
+        if self.settings.collision_distance > 0.0 {
+            self.collide(p, self.settings.collision_distance * self.medium.spacing);
         }
     }
 
@@ -768,13 +746,12 @@ mod tests {
         (method, p, domain)
     }
 
-    const MODERN: Recipe = Recipe::Modern { relaxation: 0.02, collision: 0.5 };
 
     /// Inside, the gradient of a linear pressure is exact but for the repulsion, which the lattice cancels; the Laplacian of
     /// `Σ x²` is `2D`; the divergence of `v = x` is `D`. 1e-12: round-off of some hundred terms of order one.
     fn operators_are_exact<const D: usize>(n: i64) {
         let slope = Vector(std::array::from_fn(|d| [3.0, -2.0, 0.5][d]));
-        for recipe in [Recipe::Original, MODERN] {
+        for recipe in [Recipe::Original, Recipe::Modern] {
             let (method, mut p, domain) = lattice::<D>(n, recipe);
             for a in 0..p.owned() {
                 p.pressure[a] = 100.0 + slope.dot(p.x[a]);
@@ -812,7 +789,7 @@ mod tests {
     /// The corrected gradient is exact for a linear pressure on disorder too, repulsion aside; the original one is not.
     #[test]
     fn the_corrected_gradient_is_exact_on_disorder() {
-        for (recipe, exact) in [(MODERN, true), (Recipe::Original, false)] {
+        for (recipe, exact) in [(Recipe::Modern, true), (Recipe::Original, false)] {
             let (mut method, mut p, mut domain) = lattice::<2>(12, recipe);
             let slope = Vector([3.0, -2.0]);
             for a in 0..p.owned() {
@@ -848,7 +825,7 @@ mod tests {
     /// Two particles that meet part with a fifth of their speed and all of their momentum.
     #[test]
     fn a_collision_keeps_momentum() {
-        let (mut method, mut p, mut domain) = lattice::<2>(2, MODERN);
+        let (mut method, mut p, mut domain) = lattice::<2>(2, Recipe::Modern);
         p.x[0] = Vector([0.7, 0.0]);
         method.search(&mut p, &mut domain).unwrap();
         method.v[..4].copy_from_slice(&[Vector([2.0, 1.0]), Vector([0.0, 0.0]), Vector::ZERO, Vector::ZERO]);
