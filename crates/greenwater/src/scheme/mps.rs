@@ -10,22 +10,12 @@ use crate::kernel::{Kernel, KernelName, WendlandC2};
 use crate::math::{Matrix, Vector, identity, inverse, smallest_eigenvalue, transform};
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
-use crate::physics::surface::{Arcs, is_exposed};
+use crate::physics::surface::{Arcs, SurfaceTest, is_exposed};
 use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport, SolverSettings};
 use crate::sweep::{largest, sweep, sweep_with, sweep2, update};
 use crate::time::{Phases, StepLimit};
 use crate::walls::guard::{Guarded, balance, force_of_set_back, set_back};
 use crate::walls::{first_line_parents, wall_normals};
-
-/// How the methods of moving particles tell the free surface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum MpsSurface {
-    /// Particle number density below a share of that of the lattice (Koshizuka & Oka 1996).
-    Density,
-    /// The disc (sphere) of 1.1 spacings round the particle is not wholly covered by those of its neighbours (Dilts 2000).
-    Dilts,
-}
 
 /// Parameters of the methods `mps` and `mps-modern`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -41,8 +31,8 @@ pub struct MpsSettings {
     pub reach: f64,
     /// Reach of the weight of the Laplacian, in spacings, > 1 and <= 4.
     pub laplacian_reach: f64,
-    /// How the free surface is told.
-    pub surface: MpsSurface,
+    /// How the free surface is told: `density` or `dilts`.
+    pub surface: SurfaceTest,
     /// Share of the lattice's number density below which a particle belongs to the surface, in (0, 1); for `surface = "density"`.
     pub surface_threshold: f64,
     /// How pairs are found.
@@ -65,7 +55,7 @@ impl MpsSettings {
             collision_distance,
             reach: 2.1,
             laplacian_reach: 4.0,
-            surface: MpsSurface::Density,
+            surface: SurfaceTest::Density,
             surface_threshold: 0.97,
             search: Search::Grid,
             solver: SolverSettings::default(),
@@ -74,8 +64,8 @@ impl MpsSettings {
 
     fn rows(&self, from: &str, gradient: &str) -> Vec<(&'static str, String)> {
         let surface = match self.surface {
-            MpsSurface::Density => format!("number density below {} of the lattice's", self.surface_threshold),
-            MpsSurface::Dilts => "uncovered arcs of discs of 1.1 spacings (Dilts 2000)".to_owned(),
+            SurfaceTest::Density => format!("number density below {} of the lattice's", self.surface_threshold),
+            _ => "uncovered arcs of discs of 1.1 spacings (Dilts 2000)".to_owned(),
         };
         vec![
             ("compressibility", "incompressible".to_owned()),
@@ -100,6 +90,8 @@ impl MpsSettings {
         let far = self.laplacian_reach;
         BrokenRule::unless(far > 1.0 && far <= 4.0, "laplacian_reach", far, "> 1 and <= 4")?;
         BrokenRule::unless(share > 0.0 && share < 1.0, "surface_threshold", share, "> 0 and < 1")?;
+        let own = matches!(self.surface, SurfaceTest::Density | SurfaceTest::Dilts);
+        BrokenRule::unless(own, "surface", "a test that needs a kernel", "density or dilts")?;
         BrokenRule::unless_solvable(&self.solver)
     }
 }
@@ -151,7 +143,7 @@ impl Settings for MpsSettings {
         changed("reach of the weight, in spacings,", self.reach, printed.reach, &mut found);
         changed("reach of the weight of the Laplacian, in spacings,", self.laplacian_reach, printed.laplacian_reach, &mut found);
         changed("share of the number density that marks the surface", self.surface_threshold, printed.surface_threshold, &mut found);
-        if self.surface == MpsSurface::Dilts {
+        if self.surface == SurfaceTest::Dilts {
             found.push("the surface is found by uncovered arcs (Dilts 2000) in place of the number density".to_owned());
         }
         found
@@ -186,7 +178,7 @@ impl Settings for MpsModernSettings {
             preset,
             relaxation: 0.02,
             laplacian_reach: 3.1,
-            surface: MpsSurface::Dilts,
+            surface: SurfaceTest::Dilts,
             solver: SolverSettings { tolerance: 1e-4, ..SolverSettings::default() },
             ..MpsSettings::preset(Preset::Water)
         })
@@ -376,11 +368,12 @@ impl<const D: usize> Mps<D> {
         sweep(&mut p.density[..owned], |a| rest * number[a] / weight.sum);
         domain.refresh_column(&mut p.density);
         match self.settings.surface {
-            MpsSurface::Density => {
+            SurfaceTest::Density => {
                 let least = self.settings.surface_threshold * weight.sum;
                 sweep(&mut p.surface[..owned], |a| u8::from(number[a] < least));
             }
-            MpsSurface::Dilts => {
+            // The other tests need a kernel: no checked setting has them.
+            SurfaceTest::Dilts | SurfaceTest::Divergence | SurfaceTest::Umbrella => {
                 let radius = 1.1 * self.medium.spacing;
                 sweep_with(&mut p.surface[..owned], Arcs::default, |arcs, a| u8::from(is_exposed(near, radius, a, arcs)));
             }
