@@ -177,6 +177,7 @@ impl Settings for MpsModernSettings {
         Self(MpsSettings {
             preset,
             relaxation: 0.02,
+            reach: 3.1,
             laplacian_reach: 3.1,
             surface: SurfaceTest::Dilts,
             solver: SolverSettings { tolerance: 1e-4, ..SolverSettings::default() },
@@ -228,7 +229,8 @@ enum Recipe {
 struct Weight {
     /// `r_e`, m.
     reach: f64,
-    /// Nearest distance told apart, m: a thousandth of a spacing, for two particles at one place.
+    /// Nearest distance told apart, m: nearer than that the weight, which has a pole, stays what it is. That of collisions, which
+    /// take over there, or a thousandth of a spacing.
     nearest: f64,
     /// `n0 = Σ w`, dimensionless.
     sum: f64,
@@ -237,8 +239,9 @@ struct Weight {
 }
 
 impl Weight {
-    fn new<const D: usize>(reach: f64, spacing: f64) -> Self {
-        let mut weight = Self { reach: reach * spacing, nearest: 1e-3 * spacing, sum: 0.0, spread: 0.0 };
+    /// `reach` and `nearest` in spacings.
+    fn new<const D: usize>(reach: f64, nearest: f64, spacing: f64) -> Self {
+        let mut weight = Self { reach: reach * spacing, nearest: nearest.max(1e-3) * spacing, sum: 0.0, spread: 0.0 };
         let n = reach.ceil() as i64;
         let side = 2 * n + 1;
         for i in 0..(0..D).fold(1, |points, _| points * side) {
@@ -321,8 +324,8 @@ struct Slope<const D: usize> {
 impl<const D: usize> Mps<D> {
     fn new(medium: Medium<D>, recipe: Recipe, settings: &MpsSettings) -> Result<Self, SolveError> {
         Ok(Self {
-            weight: Weight::new::<D>(settings.reach, medium.spacing),
-            far: Weight::new::<D>(settings.laplacian_reach, medium.spacing),
+            weight: Weight::new::<D>(settings.reach, settings.collision_distance, medium.spacing),
+            far: Weight::new::<D>(settings.laplacian_reach, settings.collision_distance, medium.spacing),
             solver: LinearSolver::new(settings.solver.clone())?,
             medium,
             recipe,
@@ -499,8 +502,9 @@ impl<const D: usize> Mps<D> {
         });
         let mut correction = identity().map(|row: Vector<D>| uniform * row);
         if self.recipe != Recipe::Original {
-            // A flat surface has one half of the lattice's: exact there; what few neighbours say is magnified at most four times.
-            let trust = ((smallest_eigenvalue(&moment) * uniform - 0.1) / 0.15).clamp(0.0, 1.0);
+            // A flat surface has one half of the lattice's. There the correction would double the push outwards of a pressure that
+            // is zero at the particle itself: only where neighbours are all around does it count.
+            let trust = ((smallest_eigenvalue(&moment) * uniform - 0.5) / 0.4).clamp(0.0, 1.0);
             if let Some(inverse) = inverse(&moment).filter(|_| trust > 0.0) {
                 correction = std::array::from_fn(|i| trust * inverse[i] + (1.0 - trust) * correction[i]);
             }
@@ -802,7 +806,7 @@ mod tests {
     /// `w = r_e/r − 1`: four neighbours at one spacing give 1.1 each at a reach of 2.1, four at √2, four at 2.
     #[test]
     fn the_lattice_has_its_known_number_density() {
-        let weight = Weight::new::<2>(2.1, 1.0);
+        let weight = Weight::new::<2>(2.1, 0.0, 1.0);
         let root = 2f64.sqrt();
         // 1e-14: a dozen terms.
         assert!((weight.sum - (4.0 * 1.1 + 4.0 * (2.1 / root - 1.0) + 4.0 * 0.05)).abs() < 1e-14, "{weight:?}");
