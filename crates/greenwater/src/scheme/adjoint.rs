@@ -33,6 +33,8 @@ pub(super) struct Choices {
     pub dissipation: f64,
     /// Whether a viscous fluid sticks to walls.
     pub sticky: bool,
+    /// What a pair of fluid and wall counts.
+    pub wall_weight: f64,
     pub search: Search,
     pub tolerance: f64,
     pub max_iterations: usize,
@@ -41,8 +43,8 @@ pub(super) struct Choices {
 /// All of an exact projection that needs no kernel, once its sums over neighbours are there.
 ///
 /// With `f_ab = −(m_b/ρ0) W'/r`, scaled to give a linear field its slope on the lattice:
-/// `D u = −Σ f (u_b − u_a)·x_ab` over fluid and walls, `G p = −Σ f (p_a + p_b) x_ab` with `p_b = 0` on walls. Then
-/// `Σ m (G p)·u = −Σ m p D u` for walls at rest, and `−D G`, its rows times the mass, is symmetric and positive. Forces of pairs
+/// `D u = −Σ f (u_b − u_a)·x_ab` over fluid and walls, `G p = −Σ f (p_a + p_b) x_ab` with `p_b = 0` on walls, where `f` counts once or
+/// twice (see [`WallPairs`](super::dfsph::WallPairs)). Then `Σ m (G p)·u = −Σ m p D u` for walls at rest, and `−D G`, its rows times the mass, is symmetric and positive. Forces of pairs
 /// are opposite, those on walls too.
 pub(super) struct Flow<const D: usize> {
     pub medium: Medium<D>,
@@ -116,7 +118,11 @@ impl<const D: usize> Flow<D> {
         self.near.build(p, kernel.radius(), self.choices.search)?;
         let (owned, rest) = (p.owned(), self.medium.rest_density);
         let scale = 1.0 / (rest * self.lattice.slope_of_linear::<D>());
-        self.near.fill(&mut self.f, |_, pair| -scale * p.mass[pair.b] * kernel.dw_over_r(pair.r, pair.h));
+        let at_walls = self.choices.wall_weight;
+        self.near.fill(&mut self.f, |a, pair| {
+            let weight = if p.is_fluid(a) == p.is_fluid(pair.b) { 1.0 } else { at_walls };
+            -weight * scale * p.mass[pair.b] * kernel.dw_over_r(pair.r, pair.h)
+        });
         let walls_turn =
             self.first_line.len() != owned || (0..owned).any(|a| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO);
         if walls_turn {
@@ -394,7 +400,7 @@ impl<const D: usize> Flow<D> {
     pub fn show(&self, p: &mut Particles<D>, dt: f64) {
         let (owned, rest, near, f) = (p.owned(), self.medium.rest_density, &self.near, &self.f);
         let answer = |a: usize| self.medium.gravity - p.acceleration[a];
-        let flat_wall = (1.0 - self.lattice.spread_row[0]) * D as f64;
+        let flat_wall = self.choices.wall_weight * (1.0 - self.lattice.spread_row[0]) * D as f64;
         let mut pressure = std::mem::take(&mut p.pressure);
         sweep(&mut pressure[..owned], |a| {
             if p.kind[a] != Kind::Wall {
@@ -455,7 +461,7 @@ mod tests {
             courant: 0.25,
             speed: 7.4,
         };
-        let choices = Choices { dissipation: 0.1, sticky: true, search: Search::Grid, tolerance: 1e-10, max_iterations: 2000 };
+        let choices = Choices { dissipation: 0.1, sticky: true, wall_weight: 2.0, search: Search::Grid, tolerance: 1e-10, max_iterations: 2000 };
         let mut domain = Domain::new(Vector([-5.0; 2]), Vector([5.0; 2]), [false; 2]);
         let mut flow = Flow::new(WendlandC2, medium, choices);
         flow.begin(WendlandC2, &p);

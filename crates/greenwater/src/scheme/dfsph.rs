@@ -14,6 +14,16 @@ use crate::particles::Particles;
 use crate::poisson::{SolveError, SolveReport};
 use crate::time::{Phases, StepLimit};
 
+/// What a pair of fluid and wall counts in divergence and gradient: the same in both, so that they stay adjoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum WallPairs {
+    /// Once: a wall particle has its own velocity and no pressure. The row at a wall then needs twice the pressure to be carried.
+    Single,
+    /// Twice: velocity goes on beyond the face of a wall as `2 v_w − v_a`, pressure as `p_a`.
+    Mirrored,
+}
+
 /// Parameters of the methods `dfsph` and `iisph`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -22,6 +32,8 @@ pub struct DfsphSettings {
     pub preset: Preset,
     /// Share of `h U/8` that is the viscosity between approaching particles, dimensionless, >= 0; 0 is inviscid.
     pub dissipation: f64,
+    /// What a pair of fluid and wall counts.
+    pub wall_pairs: WallPairs,
     /// Friction of walls in a viscous fluid.
     pub wall_friction: WallFriction,
     /// Largest relative true residual of a pressure solve, dimensionless, in (0, 1).
@@ -38,6 +50,7 @@ impl DfsphSettings {
         Self {
             preset,
             dissipation: 0.1,
+            wall_pairs: WallPairs::Mirrored,
             wall_friction: WallFriction::NoSlip,
             tolerance: 1e-3,
             max_iterations: 2000,
@@ -49,6 +62,10 @@ impl DfsphSettings {
         Choices {
             dissipation: self.dissipation,
             sticky: self.wall_friction == WallFriction::NoSlip,
+            wall_weight: match self.wall_pairs {
+                WallPairs::Single => 1.0,
+                WallPairs::Mirrored => 2.0,
+            },
             search: self.search,
             tolerance: self.tolerance,
             max_iterations: self.max_iterations,
@@ -67,6 +84,10 @@ impl DfsphSettings {
             WallFriction::FreeSlip => "without friction",
             WallFriction::NoSlip => "to which a viscous fluid sticks",
         };
+        let pairs = match self.wall_pairs {
+            WallPairs::Single => "without pressure",
+            WallPairs::Mirrored => "that mirror velocity and pressure",
+        };
         vec![
             ("compressibility", "incompressible".to_owned()),
             ("pressure from", aim.to_owned()),
@@ -74,7 +95,7 @@ impl DfsphSettings {
             ("viscosity", format!("of the fluid, and {} h U/8 between approaching particles", self.dissipation)),
             ("time step limited by", "speed".to_owned()),
             ("time stepping", stepping.to_owned()),
-            ("walls", format!("rows of particles without pressure, {friction}")),
+            ("walls", format!("rows of particles {pairs}, {friction}")),
             ("free surface", "expansion is not resisted where neighbours are missing".to_owned()),
             ("linear system", format!("never assembled; conjugate gradients with Jacobi preconditioner, residual {:e}", self.tolerance)),
             ("work of a step", format!("{solves}, two sums over neighbours an iteration")),
