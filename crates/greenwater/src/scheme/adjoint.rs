@@ -461,7 +461,7 @@ mod tests {
             courant: 0.25,
             speed: 7.4,
         };
-        let choices = Choices { dissipation: 0.1, sticky: true, wall_weight: 2.0, search: Search::Grid, tolerance: 1e-10, max_iterations: 2000 };
+        let choices = Choices { dissipation: 0.1, sticky: true, wall_weight: 2.0, search: Search::Grid, tolerance: 1e-6, max_iterations: 2000 };
         let mut domain = Domain::new(Vector([-5.0; 2]), Vector([5.0; 2]), [false; 2]);
         let mut flow = Flow::new(WendlandC2, medium, choices);
         flow.begin(WendlandC2, &p);
@@ -488,21 +488,22 @@ mod tests {
         assert!((diagonal / flow.diagonal[a] - 1.0).abs() < 1e-12, "{diagonal}, not {}", flow.diagonal[a]);
     }
 
-    /// After the solve the divergence is what was wanted where nothing may expand, to the residual of 1e-10.
+    /// After the solve the divergence is what was wanted in every row with a pressure, to the residual of 1e-6. At a step of 0.01 s what
+    /// the solver lets be is less than that.
     #[test]
     fn the_pressure_leaves_the_divergence_that_was_wanted() {
         for aim in [Aim::DivergenceFree, Aim::ConstantDensity] {
             let (mut flow, p, domain) = block();
-            let dt = 1e-3;
+            let dt = 1e-2;
             let before: Vec<f64> = (0..p.owned()).map(|a| if p.is_fluid(a) { flow.wanted(aim, dt, a) } else { 0.0 }).collect();
             let was: Vec<f64> = (0..p.owned()).map(|a| flow.divergence(&flow.v, a)).collect();
             let report = flow.press(&p, &domain, aim, dt, &mut Vec::new()).unwrap();
-            assert!(report.residual <= 1e-10 && report.iterations > 3, "{report:?}");
+            assert!(report.residual <= 1e-6 && report.iterations > 3, "{report:?}");
             let size = before.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
             for a in (0..p.owned()).filter(|&a| !flow.idle[a]) {
                 let gained = flow.divergence(&flow.v, a) - was[a];
-                // 1e-8: the residual is a mean over rows of which the worst may have all.
-                assert!((gained - before[a]).abs() < 1e-8 * size, "{aim:?}: {gained}, not {} at row {a}", before[a]);
+                // 1e-4: the residual is a mean over some hundred rows of which the worst may have all.
+                assert!((gained - before[a]).abs() < 1e-4 * size, "{aim:?}: {gained}, not {} at row {a}", before[a]);
             }
         }
     }
