@@ -489,12 +489,11 @@ impl<const D: usize> Mps<D> {
     /// How the gradient of fluid particle `a` is made.
     fn slope(&self, p: &Particles<D>, a: usize) -> Slope<D> {
         let (weight, uniform) = (self.weight, D as f64 / self.weight.sum);
-        let (mut moment, mut lowest, mut at_surface) = ([Vector::ZERO; D], p.pressure[a], p.surface[a] == 1);
+        let (mut moment, mut lowest) = ([Vector::ZERO; D], p.pressure[a]);
         self.near.for_each(a, |pair| {
             let w = weight.of(pair.r);
             if w > 0.0 && takes_part(p, pair.b) {
                 lowest = lowest.min(p.pressure[pair.b]);
-                at_surface |= p.surface[pair.b] == 1;
                 let square = (pair.r * pair.r).max(weight.nearest * weight.nearest);
                 for (row, x) in moment.iter_mut().zip(pair.x_ab.0) {
                     *row += w * x / square * pair.x_ab;
@@ -510,9 +509,7 @@ impl<const D: usize> Mps<D> {
                 correction = std::array::from_fn(|i| trust * inverse[i] + (1.0 - trust) * correction[i]);
             }
         }
-        // Beside the surface rows are missing on one side: there the repulsion would push still water out.
-        let repels = self.recipe == Recipe::Original || !at_surface;
-        Slope { correction, over: if repels { p.pressure[a] - lowest } else { 0.0 } }
+        Slope { correction, over: p.pressure[a] - lowest }
     }
 
     /// What the pair of fluid particle `a` and `b`, `x_ab` apart, gives to the gradient at `a`, Pa/m.
