@@ -123,8 +123,7 @@ impl<const D: usize> Flow<D> {
             let weight = if p.is_fluid(a) == p.is_fluid(pair.b) { 1.0 } else { at_walls };
             -weight * scale * p.mass[pair.b] * kernel.dw_over_r(pair.r, pair.h)
         });
-        let walls_turn =
-            self.first_line.len() != owned || (0..owned).any(|a| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO);
+        let walls_turn = self.first_line.len() != owned || (0..owned).any(|a| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO);
         if walls_turn {
             self.first_line = first_line_parents(&self.near, p);
             self.normals = wall_normals(kernel, &self.near, p);
@@ -461,7 +460,8 @@ mod tests {
             courant: 0.25,
             speed: 7.4,
         };
-        let choices = Choices { dissipation: 0.1, sticky: true, wall_weight: 2.0, search: Search::Grid, tolerance: 1e-6, max_iterations: 2000 };
+        let choices =
+            Choices { dissipation: 0.1, sticky: true, wall_weight: 2.0, search: Search::Grid, tolerance: 1e-6, max_iterations: 2000 };
         let mut domain = Domain::new(Vector([-5.0; 2]), Vector([5.0; 2]), [false; 2]);
         let mut flow = Flow::new(WendlandC2, medium, choices);
         flow.begin(WendlandC2, &p);
@@ -483,7 +483,8 @@ mod tests {
         assert!((one + other).abs() < 1e-13 * size, "{one} and {other}");
         let a = 100;
         let alone: Vec<f64> = (0..p.owned()).map(|b| f64::from(u8::from(a == b))).collect();
-        let gradient: Vec<_> = (0..p.owned()).map(|b| if p.is_fluid(b) { flow.adjoint_gradient(&alone, b) } else { Vector::ZERO }).collect();
+        let gradient: Vec<_> =
+            (0..p.owned()).map(|b| if p.is_fluid(b) { flow.adjoint_gradient(&alone, b) } else { Vector::ZERO }).collect();
         let diagonal = -flow.weight[a] * flow.divergence(&gradient, a);
         assert!((diagonal / flow.diagonal[a] - 1.0).abs() < 1e-12, "{diagonal}, not {}", flow.diagonal[a]);
     }

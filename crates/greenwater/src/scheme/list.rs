@@ -5,8 +5,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
 use super::{
-    DeltaSphSettings, DfsphSettings, IisphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, MpsModernSettings, MpsSettings,
-    Preset, Scheme, WcsphSettings,
+    DeltaSphSettings, DfsphSettings, IisphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, MpsModernSettings,
+    MpsSettings, Preset, Scheme, WcsphSettings,
 };
 use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;

@@ -74,7 +74,10 @@ impl MpsSettings {
             ("viscosity", "of the fluid".to_owned()),
             ("time step limited by", "speed".to_owned()),
             ("time stepping", format!("prediction, pressure, correction with {gradient}")),
-            ("walls", "rows of fixed particles, the first one in the pressure equation; what would cross their face is set back".to_owned()),
+            (
+                "walls",
+                "rows of fixed particles, the first one in the pressure equation; what would cross their face is set back".to_owned(),
+            ),
             ("free surface", format!("{surface}; pressure zero there")),
             ("linear system", format!("residual {:e}", self.solver.tolerance)),
             ("work of a step", "sums over neighbours and one linear system".to_owned()),
@@ -538,9 +541,7 @@ impl<const D: usize> Mps<D> {
     fn slopes(&mut self, p: &Particles<D>, domain: &Domain<D>) {
         let mut slopes = std::mem::take(&mut self.slopes);
         slopes.resize(p.len(), Slope { correction: identity(), over: 0.0 });
-        sweep(&mut slopes[..p.owned()], |a| {
-            if p.is_fluid(a) { self.slope(p, a) } else { Slope { correction: identity(), over: 0.0 } }
-        });
+        sweep(&mut slopes[..p.owned()], |a| if p.is_fluid(a) { self.slope(p, a) } else { Slope { correction: identity(), over: 0.0 } });
         domain.refresh_column(&mut slopes);
         self.slopes = slopes;
     }
@@ -553,9 +554,12 @@ impl<const D: usize> Mps<D> {
         next.resize(p.len(), Vector::ZERO);
         let mut force = std::mem::take(&mut p.force);
         let this = &*self;
-        sweep(&mut next[..owned], |a| {
-            if p.is_fluid(a) { this.v[a] - (dt / rest) * this.gradient(p, &this.slopes[a], a) } else { this.v[a] }
-        });
+        sweep(
+            &mut next[..owned],
+            |a| {
+                if p.is_fluid(a) { this.v[a] - (dt / rest) * this.gradient(p, &this.slopes[a], a) } else { this.v[a] }
+            },
+        );
         // Pairs say little: differences of pressure carry a column by forces within it.
         let area = this.medium.spacing_volume() / this.medium.spacing;
         update(&mut force[..owned], |a, force| *force -= area * p.pressure[a] * this.normals[a]);
@@ -736,7 +740,6 @@ mod tests {
         (method, p, domain)
     }
 
-
     /// Inside, the gradient of a linear pressure is exact but for the repulsion, which the lattice cancels; the Laplacian of
     /// `Σ x²` is `2D`; the divergence of `v = x` is `D`. 1e-12: round-off of some hundred terms of order one.
     fn operators_are_exact<const D: usize>(n: i64) {
@@ -746,8 +749,7 @@ mod tests {
             for a in 0..p.owned() {
                 p.pressure[a] = 100.0 + slope.dot(p.x[a]);
             }
-            let inside: Vec<usize> =
-                (0..p.owned()).filter(|&a| (0..D).all(|d| p.x[a][d] >= 4.0 && p.x[a][d] <= (n - 5) as f64)).collect();
+            let inside: Vec<usize> = (0..p.owned()).filter(|&a| (0..D).all(|d| p.x[a][d] >= 4.0 && p.x[a][d] <= (n - 5) as f64)).collect();
             assert!(!inside.is_empty());
             for &a in &inside {
                 let gradient = method.gradient(&p, &method.slope(&p, a), a);
