@@ -1,12 +1,16 @@
 //! The methods: one file a published method, and the list of them.
 
 pub mod acoustic;
+mod adjoint;
 pub mod delta_sph;
+pub mod dfsph;
 pub mod edac;
+pub mod iisph;
 pub mod isph;
 pub mod isph_paper;
 pub mod linear;
 mod list;
+pub mod mps;
 pub mod riemann;
 mod settings;
 pub mod wcsph;
@@ -23,11 +27,14 @@ use crate::time::{Phases, StepLimit};
 
 pub use acoustic::Acoustic;
 pub use delta_sph::{DeltaSph, DeltaSphSettings};
+pub use dfsph::{Dfsph, DfsphSettings};
 pub use edac::EdacSettings;
+pub use iisph::{Iisph, IisphSettings};
 pub use isph::{Isph, IsphSettings, IsphShiftSettings};
 pub use isph_paper::{IsphPaper, IsphPaperSettings};
 pub use linear::{MlsphSettings, RkpmSettings};
 pub use list::{MethodName, MethodSettings};
+pub use mps::{Mps, MpsModernSettings, MpsSettings};
 pub use riemann::RiemannSettings;
 pub use settings::{BrokenRule, Distinction, Still};
 pub use wcsph::{Wcsph, WcsphSettings};

@@ -1,6 +1,7 @@
 //! Wall models: what wall particles do to the fluid.
 
 pub mod dummy;
+pub mod guard;
 
 use crate::kernel::Kernel;
 use crate::math::{Vector, power};

@@ -7,7 +7,7 @@ use greenwater::kernel::CubicSpline;
 use greenwater::particles::Particles;
 use greenwater::scheme::isph_paper::{IsphPaperSettings, SurfaceGhosts};
 use greenwater::scheme::wcsph::{InitialDensity, WcsphSettings};
-use greenwater::scheme::{IsphPaper, Medium, Preset, Scheme, Wcsph};
+use greenwater::scheme::{Dfsph, DfsphSettings, Iisph, IsphPaper, Medium, Preset, Scheme, Wcsph};
 use greenwater::simulation::Simulation;
 
 fn explicit<const D: usize>(medium: &Medium<D>) -> Box<dyn Scheme<D>> {
@@ -19,6 +19,14 @@ fn explicit<const D: usize>(medium: &Medium<D>) -> Box<dyn Scheme<D>> {
 fn incompressible<const D: usize>(medium: &Medium<D>) -> Box<dyn Scheme<D>> {
     let settings = IsphPaperSettings { surface_ghosts: SurfaceGhosts::None, ..IsphPaperSettings::preset(Preset::Water) };
     Box::new(IsphPaper::new(CubicSpline, *medium, settings).unwrap())
+}
+
+fn divergence_free<const D: usize>(medium: &Medium<D>) -> Box<dyn Scheme<D>> {
+    Box::new(Dfsph::new(CubicSpline, *medium, &DfsphSettings::preset(Preset::Water)))
+}
+
+fn constant_density<const D: usize>(medium: &Medium<D>) -> Box<dyn Scheme<D>> {
+    Box::new(Iisph::new(CubicSpline, *medium, &DfsphSettings::preset(Preset::Water)))
 }
 
 fn started<const D: usize>(flow: &Flow<D>, medium: &Medium<D>, scheme: Box<dyn Scheme<D>>, dt: f64) -> Simulation<D> {
@@ -82,6 +90,15 @@ fn forces_of_isph_pairs_cancel_without_surface_ghosts() {
     forces_cancel(&Flow::disordered(34, [7, 7, 7], false, 1000.0), incompressible);
 }
 
+/// However loose the solve: the gradient is the adjoint of the divergence, pair by pair.
+#[test]
+fn forces_of_exact_projections_cancel() {
+    for scheme in [divergence_free, constant_density] {
+        forces_cancel(&Flow::disordered(36, [14, 14], false, 1000.0), scheme);
+    }
+    forces_cancel(&Flow::disordered(37, [6, 6, 6], false, 1000.0), constant_density);
+}
+
 /// Momentum of a falling drop after 100 steps less that of the start and of gravity, over the sum of `m |v|`.
 fn momentum_error(scheme: fn(&Medium<2>) -> Box<dyn Scheme<2>>, dt: f64) -> f64 {
     let mut flow = Flow::<2>::disordered(35, [16, 16], false, 1000.0);
@@ -109,7 +126,13 @@ fn momentum_error(scheme: fn(&Medium<2>) -> Box<dyn Scheme<2>>, dt: f64) -> f64 
 /// speeds of `δ/Δt`.
 #[test]
 fn a_falling_drop_keeps_its_momentum() {
-    for (name, scheme, dt) in [("wcsph", explicit as fn(&Medium<2>) -> _, 1e-4), ("isph-paper", incompressible, 2e-3)] {
+    let methods = [
+        ("wcsph", explicit as fn(&Medium<2>) -> _, 1e-4),
+        ("isph-paper", incompressible, 2e-3),
+        ("dfsph", divergence_free, 2e-3),
+        ("iisph", constant_density, 2e-3),
+    ];
+    for (name, scheme, dt) in methods {
         let error = momentum_error(scheme, dt);
         assert!(error < 1e-12, "{name}: momentum off by {error:.1e}");
     }

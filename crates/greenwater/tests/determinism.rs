@@ -16,9 +16,11 @@ fn hash_on(threads: usize, method: MethodName, steps: usize) -> u64 {
 #[test]
 fn every_method_gives_the_same_bits_on_any_number_of_threads() {
     for &method in MethodName::ALL {
-        let one = hash_on(1, method, 20);
+        // A step of an exact projection is some hundred sweeps.
+        let steps = if matches!(method, MethodName::Dfsph | MethodName::Iisph) { 2 } else { 20 };
+        let one = hash_on(1, method, steps);
         for threads in [2, 3] {
-            assert_eq!(hash_on(threads, method, 20), one, "{}, {threads} threads", method.name());
+            assert_eq!(hash_on(threads, method, steps), one, "{}, {threads} threads", method.name());
         }
     }
 }

@@ -57,7 +57,16 @@ fn column<const D: usize>(m: usize, air: Air) -> CsrMatrix {
         });
         // A row under a flat surface misses about a quarter of its neighbours; twice that where the pressure is odd about the surface.
         let open = air != Air::Nowhere && p.x[i][D - 1] > top;
-        row.push(i, if open { diagonal + 1.0 } else if diagonal == 0.0 { 1.0 } else { diagonal });
+        row.push(
+            i,
+            if open {
+                diagonal + 1.0
+            } else if diagonal == 0.0 {
+                1.0
+            } else {
+                diagonal
+            },
+        );
     });
     a
 }
@@ -165,7 +174,8 @@ fn levels_that_are_kept_serve_a_matrix_that_changes() {
 fn a_diagonal_that_is_not_positive_is_refused() {
     let mut a = CsrMatrix::new();
     a.assemble(3, |i, row| row.push(i, if i == 1 { -1.0 } else { 1.0 }));
-    let mut solver = LinearSolver::new(SolverSettings { preconditioner: PreconditionerKind::Multigrid, ..SolverSettings::default() }).unwrap();
+    let mut solver =
+        LinearSolver::new(SolverSettings { preconditioner: PreconditionerKind::Multigrid, ..SolverSettings::default() }).unwrap();
     let message = solver.solve(&a, &[1.0; 3], &mut [0.0; 3]).unwrap_err().to_string();
     assert!(message.contains("multigrid met pivot -1") && message.contains("row 1"), "{message}");
 }

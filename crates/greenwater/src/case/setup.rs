@@ -167,6 +167,12 @@ impl<const D: usize> Setup<D> {
         source.rule((1..=32).contains(&s.walls.layers), "walls.layers", s.walls.layers, "1 to 32")?;
         let (own_kernel, own_ratio) = s.method.name.kernel();
         let (kernel, ratio) = (s.kernel.name.unwrap_or(own_kernel), s.kernel.h_over_spacing.unwrap_or(own_ratio));
+        if !s.method.name.takes_kernel() {
+            // What the resolved case of a run says is allowed, so that it can be run again.
+            let rule = |own: &str| format!("left out, or {own}: method `{}` has weights of its own", s.method.name.name());
+            source.rule(kernel == own_kernel, "kernel.name", kernel.name(), rule(own_kernel.name()))?;
+            source.rule(ratio == own_ratio, "kernel.h_over_spacing", ratio, rule(&own_ratio.to_string()))?;
+        }
         check((0.5..=5.0).contains(&ratio), "kernel.h_over_spacing", ratio, "0.5 to 5")?;
         check(s.time.end > 0.0, "time.end", s.time.end, "> 0")?;
         check(s.time.courant > 0.0 && s.time.courant <= 1.0, "time.courant", s.time.courant, "> 0 and <= 1")?;

@@ -25,6 +25,8 @@ pub struct Lattice {
     pub slope_row: [f64; 2],
     /// `|Σ f x|` along the surface's normal in row 0 where walls that stand out of the surface meet: one wall in 2D, two in 3D; 1/m.
     pub slope_corner: f64,
+    /// Smallest eigenvalue of `Σ f x ⊗ x` in rows 0 and 1, over that inside: that along the surface's normal.
+    pub evenness_row: [f64; 2],
     /// `W` at one spacing, m⁻ᴰ.
     pub w_spacing: f64,
     /// `|Σ f x|` beside one missing neighbour, 1/m.
@@ -47,6 +49,7 @@ impl Lattice {
             sum_w_row: [0.0; 2],
             slope_row: [0.0; 2],
             slope_corner: 0.0,
+            evenness_row: [0.0; 2],
             w_spacing: kernel.w(spacing, h),
             slope_vacancy: -volume * kernel.dw_over_r(spacing, h) * spacing,
         };
@@ -75,6 +78,7 @@ impl Lattice {
             for row in 0..2 {
                 if up <= row as i64 {
                     l.spread_row[row] += f * r * r;
+                    l.evenness_row[row] += f * x[D - 1] * x[D - 1];
                 } else {
                     l.slope_row[row] += f * x[D - 1];
                 }
@@ -85,6 +89,7 @@ impl Lattice {
         }
         l.sum_w_row = l.sum_w_row.map(|row| row / l.sum_w);
         l.spread_row = l.spread_row.map(|row| row / l.spread);
+        l.evenness_row = l.evenness_row.map(|row| row * D as f64 / l.spread);
         l
     }
 
@@ -125,6 +130,9 @@ mod tests {
         for row in 0..2 {
             assert!((wendland.missing(wendland.slope_row[row]) - (1.0 - wendland.sum_w_row[row])).abs() < 1e-15, "row {row}");
         }
+        // Published over D, where a whole lattice has 0.974.
+        let evenness = wendland.evenness_row.map(|row| row * wendland.slope_of_linear::<2>());
+        assert!((evenness[0] - 0.487).abs() < 2e-3 && (evenness[1] - 0.905).abs() < 1e-2, "{wendland:?}");
         let cubic = Lattice::of::<_, 2>(CubicSpline, 1.2, 1.0, 1e3);
         assert!((cubic.sum_w_row[0] - 0.785).abs() < 2e-3, "{cubic:?}");
     }

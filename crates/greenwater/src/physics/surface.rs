@@ -5,8 +5,12 @@ use std::f64::consts::{PI, TAU};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::math::Vector;
-use crate::neighbors::Neighbors;
+use super::lattice::Lattice;
+use crate::kernel::Kernel;
+use crate::math::{Vector, smallest_eigenvalue};
+use crate::neighbors::{Neighbors, Pair};
+use crate::particles::Particles;
+use crate::sweep::{sweep, sweep_with};
 
 /// How a particle of the free surface is told from one inside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -14,8 +18,104 @@ use crate::neighbors::Neighbors;
 pub enum SurfaceTest {
     /// Density below a share of the rest density (Koshizuka & Oka 1996; Shao & Lo 2003).
     Density,
+    /// Divergence of the positions less than half-way from that of the surface of a lattice to that inside (Lee et al. 2008).
+    Divergence,
     /// The disc (sphere) round the particle is not wholly covered by those of its neighbours (Dilts 2000; Haque & Dilts 2007).
     Dilts,
+    /// Uneven neighbours, and none of them in a cone of 45 degrees around the outward normal (Marrone et al. 2010).
+    Umbrella,
+}
+
+/// A test of all particles with its limits, half-way between the two outermost rows of a lattice of the kernel in use.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Detector {
+    test: SurfaceTest,
+    lattice: Lattice,
+    /// Radius of the discs of [`SurfaceTest::Dilts`], m.
+    radius: f64,
+}
+
+/// Smallest eigenvalue, over that inside, below which a particle is at a surface whatever its cone holds (Marrone et al. 2010):
+/// less than where three faces of a lattice meet, 0.28.
+const SPRAY: f64 = 0.2;
+
+impl Detector {
+    /// The test for particles on a lattice with these sums; the discs of Dilts get a radius of 1.1 spacings, which closes every gap of
+    /// a lattice (0.71) with room for disorder.
+    pub fn new(test: SurfaceTest, lattice: Lattice) -> Self {
+        Self { test, lattice, radius: 1.1 * lattice.spacing }
+    }
+
+    /// The test with discs of `radius`, m.
+    #[must_use]
+    pub fn with_radius(self, radius: f64) -> Self {
+        Self { radius, ..self }
+    }
+
+    /// Sets `surface` to 1 for each row at the surface, else 0. Every particle in reach counts, walls too.
+    pub fn mark<K: Kernel<D>, const D: usize>(&self, kernel: K, near: &Neighbors<D>, p: &Particles<D>, surface: &mut [u8]) {
+        let l = &self.lattice;
+        let volume = |b: usize| p.mass[b] / l.rest_density;
+        let f = |pair: &Pair<D>| -volume(pair.b) * kernel.dw_over_r(pair.r, pair.h);
+        match self.test {
+            SurfaceTest::Density => {
+                let least = 0.5 * (l.sum_w_row[0] + l.sum_w_row[1]) * l.sum_w;
+                sweep(surface, |a| {
+                    let mut filling = volume(a) * kernel.w(0.0, near.h(a));
+                    near.for_each(a, |pair| filling += volume(pair.b) * kernel.w(pair.r, pair.h));
+                    u8::from(filling < least)
+                });
+            }
+            SurfaceTest::Divergence => {
+                let least = l.surface_threshold() * l.spread;
+                sweep(surface, |a| {
+                    let mut spread = 0.0;
+                    near.for_each(a, |pair| spread += f(&pair) * pair.r * pair.r);
+                    u8::from(spread < least)
+                });
+            }
+            SurfaceTest::Dilts => {
+                sweep_with(surface, Arcs::default, |arcs, a| u8::from(is_exposed(near, self.radius, a, arcs)));
+            }
+            SurfaceTest::Umbrella => {
+                let whole = l.spread / D as f64;
+                let most = 0.5 * (l.evenness_row[0] + l.evenness_row[1]);
+                sweep(surface, |a| {
+                    let (mut moment, mut outwards) = ([Vector::<D>::ZERO; D], Vector::ZERO);
+                    near.for_each(a, |pair| {
+                        let f = f(&pair);
+                        outwards += f * pair.x_ab;
+                        for (row, x) in moment.iter_mut().zip(pair.x_ab.0) {
+                            *row += f * x * pair.x_ab;
+                        }
+                    });
+                    let (evenness, length) = (smallest_eigenvalue(&moment) / whole, outwards.norm());
+                    let shows = evenness < SPRAY || evenness < most && length > 0.0 && !under_cover(near, a, outwards / length);
+                    u8::from(shows)
+                });
+            }
+        }
+    }
+}
+
+/// Whether a neighbour of `a` lies in the umbrella over it, opened towards the unit vector `n`. With `h` the smoothing length and `T`
+/// the point `h n` from the particle: nearer than `√2 h`, within 45 degrees of `n` (in 2D within the square of corner `a` and
+/// middle `T`); farther off, nearer than `h` to `T` (Marrone et al. 2010).
+fn under_cover<const D: usize>(near: &Neighbors<D>, a: usize, n: Vector<D>) -> bool {
+    let (h, mut covered) = (near.h(a), false);
+    near.for_each(a, |pair| {
+        let from_t = -pair.x_ab - h * n;
+        let along = from_t.dot(n);
+        covered |= if pair.r * pair.r >= 2.0 * h * h {
+            from_t.norm_squared() < h * h
+        } else if D == 2 {
+            along.abs() + (from_t - along * n).norm() < h
+        } else {
+            // cos 45° = 1/√2.
+            -pair.x_ab.dot(n) * std::f64::consts::SQRT_2 > pair.r
+        };
+    });
+    covered
 }
 
 /// Whether the circle (sphere) of radius `radius`, m, round particle `a` shows a gap between the equal discs (balls) of its
@@ -128,8 +228,162 @@ fn has_gap(covered: &mut [(f64, f64)]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernel::{CubicSpline, WendlandC2};
     use crate::neighbors::Search;
-    use crate::particles::{Kind, Particle, Particles};
+    use crate::particles::{Kind, Particle};
+
+    const ALL: [SurfaceTest; 4] = [SurfaceTest::Density, SurfaceTest::Divergence, SurfaceTest::Dilts, SurfaceTest::Umbrella];
+
+    /// What a test says of a shape cut out of a lattice: rim particles and how many it missed, inner ones and how many it took for rim.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    struct Confusion {
+        rim: usize,
+        missed: usize,
+        inside: usize,
+        wrong: usize,
+    }
+
+    /// The lattice sites within `half` of the origin that `shape` holds, each off its place by up to `jitter` spacings along each
+    /// axis. Rim: a site next to it along an axis is empty. Inside: all sites around it, diagonals too, are full. What lies between
+    /// may be either.
+    fn confusion<K: Kernel<D>, const D: usize>(
+        (kernel, h): (K, f64),
+        test: SurfaceTest,
+        half: i64,
+        shape: impl Fn([i64; D]) -> bool,
+        jitter: f64,
+        seeds: u64,
+    ) -> Confusion {
+        let side = 2 * half + 1;
+        let sites: Vec<[i64; D]> = (0..(0..D).fold(1, |count, _| count * side))
+            .map(|i| {
+                let mut rest = i;
+                std::array::from_fn(|_| {
+                    let along = rest % side - half;
+                    rest /= side;
+                    along
+                })
+            })
+            .filter(|&site| shape(site))
+            .collect();
+        let lattice = Lattice::of::<K, D>(kernel, h, 1.0, 1.0);
+        let mut found = Confusion::default();
+        for seed in 0..seeds {
+            let mut state = seed;
+            let mut next = || {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+            };
+            let mut p = Particles::new();
+            for (id, site) in sites.iter().enumerate() {
+                let x = Vector(site.map(|x| x as f64 + jitter * next()));
+                p.push(id as u32, Particle { kind: Kind::Fluid, layer: 0, x, v: Vector::ZERO, mass: 1.0, density: 1.0, pressure: 0.0, h });
+            }
+            let mut near = Neighbors::new();
+            near.build(&p, kernel.radius(), Search::Grid).unwrap();
+            let mut surface = vec![0; sites.len()];
+            Detector::new(test, lattice).mark(kernel, &near, &p, &mut surface);
+            for (&site, &shows) in sites.iter().zip(&surface) {
+                let moved = |axis: usize, by: i64| {
+                    let mut other = site;
+                    other[axis] += by;
+                    other
+                };
+                let rim = (0..D).any(|d| !shape(moved(d, 1)) || !shape(moved(d, -1)));
+                let around = (0..(0..D).fold(1, |count, _| count * 3)).all(|i: i64| {
+                    let mut rest = i;
+                    let other = site.map(|x| {
+                        let by = rest % 3 - 1;
+                        rest /= 3;
+                        x + by
+                    });
+                    shape(other)
+                });
+                found.rim += usize::from(rim);
+                found.missed += usize::from(rim && shows == 0);
+                found.inside += usize::from(around);
+                found.wrong += usize::from(around && shows == 1);
+            }
+        }
+        found
+    }
+
+    fn square<const D: usize>(half: i64) -> impl Fn([i64; D]) -> bool {
+        move |site| site.iter().all(|x| x.abs() <= half)
+    }
+
+    /// Flat surfaces and corners: nothing is missed, and of the inside less than a thousandth is taken for surface, at a jitter of a
+    /// tenth of a spacing. The density alone, the coarsest test, may miss one rim particle in two hundred at a tenth: a neighbour
+    /// pushed close makes up for half of one that is missing.
+    #[test]
+    fn a_square_patch_shows_its_rim_and_nothing_else() {
+        for test in ALL {
+            for jitter in [0.0, 0.05, 0.1] {
+                let found = confusion((WendlandC2, 1.3), test, 20, square::<2>(20), jitter, 4);
+                let allowed = if test == SurfaceTest::Density && jitter == 0.1 { found.rim / 200 } else { 0 };
+                assert!(found.missed <= allowed, "{test:?} at {jitter}: {found:?}");
+                assert!((found.wrong as f64) < 1e-3 * found.inside as f64, "{test:?} at {jitter}: {found:?}");
+            }
+            let cubic = confusion((CubicSpline, 1.2), test, 20, square::<2>(20), 0.1, 4);
+            let allowed = if test == SurfaceTest::Density { cubic.rim / 200 } else { 0 };
+            assert!(cubic.missed <= allowed && (cubic.wrong as f64) < 1e-3 * cubic.inside as f64, "{test:?}, cubic spline: {cubic:?}");
+        }
+    }
+
+    #[test]
+    fn a_cube_shows_its_rim_and_nothing_else() {
+        for test in ALL {
+            for jitter in [0.0, 0.1] {
+                let found = confusion((WendlandC2, 1.3), test, 6, square::<3>(6), jitter, 1);
+                assert_eq!(found.missed, 0, "{test:?} at {jitter}: {found:?}");
+                assert!((found.wrong as f64) < 1e-3 * found.inside as f64, "{test:?} at {jitter}: {found:?}");
+            }
+        }
+    }
+
+    /// Sheets of one, two and three particles are all rim, but for the middle of three; the density test as above.
+    #[test]
+    fn thin_sheets_are_all_surface() {
+        for test in ALL {
+            for rows in 1..=3i64 {
+                let sheet = |[x, y]: [i64; 2]| x.abs() <= 20 && (0..rows).contains(&y);
+                let found = confusion((WendlandC2, 1.3), test, 20, sheet, 0.1, 4);
+                let allowed = if test == SurfaceTest::Density { found.rim / 200 } else { 0 };
+                assert!(found.missed <= allowed, "{test:?}, {rows} rows: {found:?}");
+            }
+        }
+    }
+
+    /// All shapes at all jitters: rim missed, inner taken for rim, in percent. Printed for the docs.
+    #[test]
+    #[ignore = "prints a table"]
+    fn table() {
+        let disc = |radius: f64| move |[x, y]: [i64; 2]| (x * x + y * y) as f64 <= radius * radius;
+        let void = |radius: f64| move |[x, y]: [i64; 2]| x.abs() <= 20 && y.abs() <= 20 && (x * x + y * y) as f64 > radius * radius;
+        let drops = |[x, y]: [i64; 2]| (x.abs() - 9) * (x.abs() - 9) + y * y <= 81;
+        let sheet = |rows: i64| move |[x, y]: [i64; 2]| x.abs() <= 20 && (0..rows).contains(&y);
+        type Shape = Box<dyn Fn([i64; 2]) -> bool>;
+        let shapes: Vec<(&str, Shape)> = vec![
+            ("square", Box::new(square::<2>(20))),
+            ("disc, R = 15", Box::new(disc(15.0))),
+            ("sheet of 1", Box::new(sheet(1))),
+            ("sheet of 2", Box::new(sheet(2))),
+            ("sheet of 3", Box::new(sheet(3))),
+            ("void, R = 1", Box::new(void(1.0))),
+            ("void, R = 2", Box::new(void(2.0))),
+            ("void, R = 3", Box::new(void(3.0))),
+            ("two drops", Box::new(drops)),
+        ];
+        for (name, shape) in &shapes {
+            for test in ALL {
+                let rows = [0.0, 0.05, 0.1, 0.2].map(|jitter| {
+                    let c = confusion((WendlandC2, 1.3), test, 21, shape, jitter, 5);
+                    format!("{:.1} / {:.2}", 100.0 * c.missed as f64 / c.rim as f64, 100.0 * c.wrong as f64 / c.inside.max(1) as f64)
+                });
+                println!("| {name} | {test:?} | {} |", rows.join(" | "));
+            }
+        }
+    }
 
     fn exposed<const D: usize>(points: &[Vector<D>], radius: f64) -> Vec<bool> {
         let mut p = Particles::new();

@@ -10,11 +10,12 @@ use crate::kernel::{Kernel, KernelName};
 use crate::math::Vector;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
+use crate::physics::lattice::Lattice;
 use crate::physics::pressure::{laplacian_brookshaw, laplacian_shao_lo, symmetric};
-use crate::physics::surface::{Arcs, SurfaceTest, is_exposed};
+use crate::physics::surface::{Detector, SurfaceTest};
 use crate::physics::{summation_density, viscosity};
 use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport, SolverMethod, SolverSettings};
-use crate::sweep::{largest, sweep, sweep_with, sweep2, update};
+use crate::sweep::{largest, sweep, sweep2, update};
 use crate::time::{Phases, StepLimit};
 use crate::walls::{first_line_parents, wall_normals};
 
@@ -139,7 +140,9 @@ impl Settings for IsphPaperSettings {
         };
         let surface = match s.surface {
             SurfaceTest::Density => format!("density below {} of rest", s.surface_threshold),
+            SurfaceTest::Divergence => "divergence of positions (Lee et al. 2008)".to_owned(),
             SurfaceTest::Dilts => format!("uncovered arcs of discs of {} spacings (Dilts 2000)", s.surface_radius),
+            SurfaceTest::Umbrella => "nothing in a cone around the normal (Marrone et al. 2010)".to_owned(),
         };
         let beyond = match s.surface_ghosts {
             SurfaceGhosts::Mirrored => "neighbours mirrored with opposite pressure",
@@ -175,7 +178,13 @@ impl Settings for IsphPaperSettings {
             SurfaceTest::Density => {
                 changed("share of the rest density that marks the surface", s.surface_threshold, printed.surface_threshold, &mut found);
             }
+            SurfaceTest::Divergence => {
+                found.push("the surface is found by the divergence of positions (Lee et al. 2008) in place of the density".to_owned());
+            }
             SurfaceTest::Dilts => found.push("the surface is found by uncovered arcs (Dilts 2000) in place of the density".to_owned()),
+            SurfaceTest::Umbrella => {
+                found.push("the surface is found by cones around normals (Marrone et al. 2010) in place of the density".to_owned());
+            }
         }
         if s.surface_ghosts != printed.surface_ghosts {
             found.push("no mirrored neighbours beyond the free surface".to_owned());
@@ -215,6 +224,7 @@ pub struct IsphPaper<K, const D: usize> {
     kernel: K,
     medium: Medium<D>,
     settings: IsphPaperSettings,
+    detector: Detector,
     near: Neighbors<D>,
     solver: LinearSolver,
     matrix: CsrMatrix,
@@ -247,10 +257,13 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
     /// # Errors
     /// Solver settings that contradict each other.
     pub fn new(kernel: K, medium: Medium<D>, settings: IsphPaperSettings) -> Result<Self, SolveError> {
+        // Of the particles' own smoothing length from the start on.
+        let lattice = Lattice::of(kernel, medium.spacing, medium.spacing, medium.rest_density);
         Ok(Self {
             kernel,
             medium,
             solver: LinearSolver::new(settings.solver.clone())?,
+            detector: Detector::new(settings.surface, lattice),
             settings,
             near: Neighbors::new(),
             matrix: CsrMatrix::new(),
@@ -348,9 +361,8 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
                 let threshold = self.settings.surface_threshold * self.medium.rest_density;
                 sweep(&mut surface[..owned], |a| u8::from(p.density[a] < threshold));
             }
-            SurfaceTest::Dilts => {
-                let radius = self.settings.surface_radius * self.medium.spacing;
-                sweep_with(&mut surface[..owned], Arcs::default, |arcs, a| u8::from(is_exposed(near, radius, a, arcs)));
+            SurfaceTest::Divergence | SurfaceTest::Dilts | SurfaceTest::Umbrella => {
+                self.detector.mark(kernel, near, p, &mut surface[..owned]);
             }
         }
         domain.refresh_column(&mut surface);
@@ -524,6 +536,8 @@ fn carries_pressure<const D: usize>(p: &Particles<D>, a: usize) -> bool {
 impl<K: Kernel<D>, const D: usize> Scheme<D> for IsphPaper<K, D> {
     /// Density and surface at the start, and the acceleration that gravity, viscosity and the given pressure make.
     fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
+        let lattice = Lattice::of(self.kernel, p.h_max(), self.medium.spacing, self.medium.rest_density);
+        self.detector = Detector::new(self.settings.surface, lattice).with_radius(self.settings.surface_radius * self.medium.spacing);
         self.search(p, domain, &mut Phases::default())?;
         self.parents = first_line_parents(&self.near, p);
         self.normals = wall_normals(self.kernel, &self.near, p);

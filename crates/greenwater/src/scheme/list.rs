@@ -5,8 +5,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::settings::{BrokenRule, Distinction, Settings, Still};
 use super::{
-    DeltaSphSettings, EdacSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium, MlsphSettings, Preset, RiemannSettings,
-    RkpmSettings, Scheme, WcsphSettings,
+    DeltaSphSettings, DfsphSettings, EdacSettings, IisphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium,
+    MlsphSettings, MpsModernSettings, MpsSettings, Preset, RiemannSettings, RkpmSettings, Scheme, WcsphSettings,
 };
 use crate::kernel::{CubicSpline, KernelName, WendlandC2};
 use crate::physics::pressure::Elasticity;
@@ -43,6 +43,11 @@ macro_rules! methods {
             /// Kernel and smoothing length over spacing where a case names none.
             pub fn kernel(self) -> (KernelName, f64) {
                 match self { $(Self::$variant => <$settings as Settings>::KERNEL),* }
+            }
+
+            /// Whether the method works with the kernel of the case; `false` if its weights are its own.
+            pub fn takes_kernel(self) -> bool {
+                match self { $(Self::$variant => <$settings as Settings>::TAKES_KERNEL),* }
             }
 
             /// The JSON schema of the method's parameters.
@@ -108,6 +113,14 @@ methods! {
         "compact pressure equation, exact projections for velocity and density; Cummins & Rudman (1999), Nair & Tomar (2014), Bender & Koschier (2017)";
     IsphShift(IsphShiftSettings), "isph-shift", "ISPH (incompressible, flows that fill their domain)",
         "divergence-free ISPH with shifting and no free surface; Xu, Stansby & Laurence (2009), Lind et al. (2012)";
+    Dfsph(DfsphSettings), "dfsph", "DFSPH (incompressible, exact projections)",
+        "exact projections of velocity and density, robust, pressure noisy; Bender & Koschier (2017)";
+    Iisph(IisphSettings), "iisph", "IISPH (incompressible, exact projection)",
+        "exact projection of the density, robust, pressure noisy; Ihmsen et al. (2014)";
+    Mps(MpsSettings), "mps", "MPS (incompressible, moving particle semi-implicit)",
+        "weights of its own in place of a kernel, pressure from the number density; Koshizuka & Oka (1996)";
+    MpsModern(MpsModernSettings), "mps-modern", "MPS (incompressible, relaxed source, corrected gradient)",
+        "moving particle semi-implicit; Tanaka & Masunaga (2010), Lee et al. (2011), Khayyer & Gotoh (2011)";
 }
 
 impl MethodSettings {

@@ -77,6 +77,8 @@ pub struct Still {
 pub(super) trait Settings: Serialize + DeserializeOwned + JsonSchema {
     /// Kernel and smoothing length over spacing where a case names none.
     const KERNEL: (KernelName, f64);
+    /// Whether the method works with the kernel of the case. One that does not has weights of its own.
+    const TAKES_KERNEL: bool = true;
     /// Wall-clock time of a step for one particle and one of its neighbours, s, on one core: rounded from dam breaks of some
     /// thousand particles. Machines differ by a factor of two and more.
     const STEP_COST: f64;
