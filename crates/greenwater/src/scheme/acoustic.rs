@@ -40,8 +40,10 @@ pub enum Stepping {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StartPressure {
-    /// From the density that the case or the particle file gives.
+    /// From the density that the particle file gives.
     Given,
+    /// That of the case: `fluid.pressure`, or `fluid.initial_pressure`.
+    Written,
     /// `p = ρ0 g d` under the weight of the fluid above, whatever is beside it.
     Hydrostatic,
     /// That of a flow about to begin: zero on the free surface, the weight of the liquid on walls, harmonic in between. Liquid at
@@ -131,6 +133,8 @@ pub(super) struct Plan {
     pub stepping: Stepping,
     /// Share of `h/(c0 + v)` that a sound step takes.
     pub acoustic_courant: f64,
+    /// Strength of the acoustic damper; 0 for none.
+    pub damping: f64,
     /// What diffusion leaves alone.
     pub diffusion: Diffusion,
     /// Strength of the shift over that of Sun et al.; 0 for none.
@@ -198,6 +202,8 @@ pub struct Acoustic<K, const D: usize> {
     wall_force: Vec<Vector<D>>,
     /// Rate of density, kg/(m³ s).
     rate: Vec<f64>,
+    /// The part of it that is compression, `−ρ0 ∇·v`, kg/(m³ s).
+    compression: Vec<f64>,
     /// Velocity at the start of the step, m/s.
     v_before: Vec<Vector<D>>,
 }
@@ -219,6 +225,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             push: Vec::new(),
             wall_force: Vec::new(),
             rate: Vec::new(),
+            compression: Vec::new(),
             v_before: Vec::new(),
         }
     }
@@ -242,11 +249,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     ///
     /// A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way between the two
     /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are as
-    /// one-sided as beside a missing one: a void is a surface, too, and shifting must not fill it.
+    /// one-sided as beside a void: that is a surface, too, and shifting must not fill it.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest));
         let (threshold, gap) =
-            (self.lattice.surface_threshold(), p.h_max() * self.lattice.slope_vacancy / self.lattice.slope_of_linear::<D>());
+            (self.lattice.surface_threshold(), p.h_max() * self.lattice.slope_of_gap() / self.lattice.slope_of_linear::<D>());
         let rows = p.len();
         self.place.resize(rows, Place::Inside);
         self.normal.resize(rows, Vector::ZERO);
@@ -338,12 +345,20 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.follow(p, domain);
     }
 
-    /// Pressure of fluid by the equation of state, then of walls.
+    /// Pressure of fluid by the equation of state and the acoustic damper, then of walls.
+    ///
+    /// The damper is the pressure of a bulk viscosity, `−α2 ρ0 c0 h ∇·v` (Sun, Pilloton, Antuono & Colagrossi 2023): it takes energy
+    /// from sound and none from flow that keeps its volume. None on the free surface, whose pressure is that of the air.
     fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        let state = self.plan.state;
+        let (state, damping) = (self.plan.state, self.plan.damping * self.plan.state.sound);
         let owned = p.owned();
-        let (kind, density) = (&p.kind, &p.density);
-        sweep(&mut p.pressure[..owned], |a| if kind[a] == Kind::Fluid { state.pressure(density[a]) } else { 0.0 });
+        self.compression.resize(owned, 0.0);
+        let (kind, density, surface, h, compression) = (&p.kind, &p.density, &p.surface, &p.h, &self.compression);
+        sweep(&mut p.pressure[..owned], |a| match kind[a] {
+            Kind::Fluid if surface[a] == 0 => state.pressure(density[a]) + damping * h[a] * compression[a],
+            Kind::Fluid => state.pressure(density[a]),
+            Kind::Wall | Kind::Lost => 0.0,
+        });
         domain.refresh_column(&mut p.pressure);
         self.walls.extrapolate(self.kernel, &self.near, p, domain, Liquid { state, gravity: self.medium.gravity });
     }
@@ -387,15 +402,16 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         });
     }
 
-    /// Rate of the density of fluid, in `rate`.
+    /// Rate of the density of fluid, in `rate`, and its part by compression.
     fn rates<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
         let flux = flux.with_sound(self.plan.state.sound);
         let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), &self.gradient);
         let shifts = &self.shifts;
         let side = |a: usize| Side { v: p.v[a], u: p.v[a], density: p.density[a], pressure: p.pressure[a], inside: true };
         self.rate.resize(p.owned(), 0.0);
-        sweep(&mut self.rate, |a| {
-            let mut sum = 0.0;
+        self.compression.resize(p.owned(), 0.0);
+        sweep2(&mut self.rate, &mut self.compression, |a| {
+            let (mut sum, mut compression) = (0.0, 0.0);
             if p.is_fluid(a) {
                 sum = shifts[a].pull;
                 let own = side(a);
@@ -406,10 +422,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                         let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, wall: !p.is_fluid(b) };
                         let jump = crate::physics::diffusion::jump(own.density, p.density[b], gradient[a], gradient[b], pair.x_ab);
                         sum += p.mass[b] * flux.rate(own, side(b), between, jump);
+                        compression += p.mass[b] * dw * (own.v - p.v[b]).dot(pair.x_ab);
                     }
                 });
             }
-            sum
+            (sum, compression)
         });
     }
 

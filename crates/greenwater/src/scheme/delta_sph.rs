@@ -34,6 +34,9 @@ pub struct DeltaSphSettings {
     pub delta: f64,
     /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
     pub alpha: f64,
+    /// Strength `α2` of the acoustic damper, dimensionless, >= 0: a bulk viscosity `α2 h c0` (m²/s), which takes energy from sound
+    /// alone (Sun, Pilloton, Antuono & Colagrossi 2023).
+    pub acoustic_damping: f64,
     /// What acts against clumping where the pressure is below zero.
     pub tensile_control: TensileControl,
     /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
@@ -46,7 +49,8 @@ pub struct DeltaSphSettings {
     pub wall_slip: WallSlip,
     /// Whether walls can pull.
     pub wall_suction: WallSuction,
-    /// Pressure at the start; left out: `given` for particles from a file, else `released`.
+    /// Pressure at the start; left out: `given` for particles from a file, `written` where the case has a formula or
+    /// `initial_pressure = "zero"`, else `released`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_pressure: Option<StartPressure>,
     /// How sound is stepped.
@@ -68,6 +72,7 @@ impl DeltaSphSettings {
             diffusion: Diffusion::Fourtakas,
             delta: 0.1,
             alpha: 0.01,
+            acoustic_damping: 1.0,
             tensile_control: TensileControl::Switch,
             shifting: 1.0,
             volume_control: 0.1,
@@ -83,8 +88,9 @@ impl DeltaSphSettings {
 }
 
 impl Settings for DeltaSphSettings {
-    /// `h` of 1.5 spacings: the sums of the lattice are right within 0.3 %, and three lines of wall particles fill the support.
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.5);
+    /// `h` of 2 spacings: TODO
+    /// three give way (`lattices_stay_under_pressure` in `physics/lattice.rs`).
+    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 2.0);
     const STEP_COST: f64 = 2e-7;
 
     fn preset(preset: Preset) -> Self {
@@ -100,6 +106,7 @@ impl Settings for DeltaSphSettings {
         self.reference_speed.map_or(Ok(()), |speed| BrokenRule::unless_positive("reference_speed", speed))?;
         BrokenRule::unless_not_negative("delta", self.delta)?;
         BrokenRule::unless_not_negative("alpha", self.alpha)?;
+        BrokenRule::unless_not_negative("acoustic_damping", self.acoustic_damping)?;
         BrokenRule::unless_not_negative("shifting", self.shifting)?;
         BrokenRule::unless_not_negative("volume_control", self.volume_control)?;
         let share = self.acoustic_courant;
@@ -107,7 +114,11 @@ impl Settings for DeltaSphSettings {
     }
 
     fn resolve(&mut self, still: &Still) {
-        self.start_pressure.get_or_insert(if still.from_file { StartPressure::Given } else { StartPressure::Released });
+        self.start_pressure.get_or_insert(match () {
+            () if still.from_file => StartPressure::Given,
+            () if still.pressure_written => StartPressure::Written,
+            () => StartPressure::Released,
+        });
     }
 
     fn distinctions(&self) -> Vec<(&'static str, String)> {
@@ -126,6 +137,7 @@ impl Settings for DeltaSphSettings {
         };
         let start = match self.start_pressure {
             Some(StartPressure::Given) => "as given",
+            Some(StartPressure::Written) => "from the pressure of the case",
             Some(StartPressure::Hydrostatic) => "under the weight of the fluid above",
             Some(StartPressure::Released) | None => "that of a free column",
         };
@@ -234,6 +246,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 suction: settings.wall_suction,
                 stepping: settings.stepping,
                 acoustic_courant: settings.acoustic_courant,
+                damping: settings.acoustic_damping,
                 diffusion: settings.diffusion,
                 shifting: settings.shifting,
                 volume_control: settings.volume_control,
