@@ -100,10 +100,10 @@ impl Lattice {
         0.5 * (self.spread_row[0] + self.spread_row[1])
     }
 
-    /// `|Σ f x|` that tells a void, 1/m: that beside one missing neighbour, but no less than half-way between the two outermost rows
-    /// of a flat surface. A wide kernel sees the surface from the second row better than a single gap from beside it.
+    /// `|Σ f x|` that tells a void, 1/m: that beside one missing neighbour. A wide kernel sees the surface from the second row better
+    /// than a single gap from beside it: then half-way between the two outermost rows of a flat surface.
     pub fn slope_of_gap(&self) -> f64 {
-        self.slope_vacancy.max(0.5 * (self.slope_row[0] + self.slope_row[1]))
+        if self.slope_vacancy > self.slope_row[1] { self.slope_vacancy } else { 0.5 * (self.slope_row[0] + self.slope_row[1]) }
     }
 
     /// What a surface makes missing of `Σ V W` where it makes a slope of `slope`, 1/m; over the whole, dimensionless. Exact in rows 0

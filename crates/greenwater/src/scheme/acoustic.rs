@@ -348,14 +348,14 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Pressure of fluid by the equation of state and the acoustic damper, then of walls.
     ///
     /// The damper is the pressure of a bulk viscosity, `−α2 ρ0 c0 h ∇·v` (Sun, Pilloton, Antuono & Colagrossi 2023): it takes energy
-    /// from sound and none from flow that keeps its volume. None on the free surface, whose pressure is that of the air.
-    fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        let (state, damping) = (self.plan.state, self.plan.damping * self.plan.state.sound);
+    /// from sound and none from flow that keeps its volume. None within reach of the free surface, where `∇·v` misses neighbours.
+    fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>, damping: f64) {
+        let (state, damping) = (self.plan.state, damping * self.plan.state.sound);
         let owned = p.owned();
         self.compression.resize(owned, 0.0);
-        let (kind, density, surface, h, compression) = (&p.kind, &p.density, &p.surface, &p.h, &self.compression);
+        let (kind, density, place, h, compression) = (&p.kind, &p.density, &self.place, &p.h, &self.compression);
         sweep(&mut p.pressure[..owned], |a| match kind[a] {
-            Kind::Fluid if surface[a] == 0 => state.pressure(density[a]) + damping * h[a] * compression[a],
+            Kind::Fluid if place[a] == Place::Inside => state.pressure(density[a]) + damping * h[a] * compression[a],
             Kind::Fluid => state.pressure(density[a]),
             Kind::Wall | Kind::Lost => 0.0,
         });
@@ -466,7 +466,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             domain.refresh_column(&mut p.density);
             self.follow(p, domain);
         });
-        phases.measure("pressure", || self.pressures(p, domain));
+        phases.measure("pressure", || self.pressures(p, domain, self.plan.damping));
 
         // v^{n+1} = v^n + Δt a(x^{n+1/2}, ρ^{n+1/2}, v^n)
         if self.medium.viscosity > 0.0 {
@@ -559,8 +559,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
             self.relax(p, domain, dt / count, 1.0 / count, phases);
         }
 
-        // (3) what others read
-        phases.measure("pressure", || self.pressures(p, domain));
+        // (3) what others read: the pressure of the density
+        phases.measure("pressure", || self.pressures(p, domain, 0.0));
         for a in 0..p.owned() {
             if p.kind[a] == Kind::Fluid {
                 p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;

@@ -46,7 +46,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             self.release(p, domain);
         }
         self.shift(p, domain, 0.0);
-        self.pressures(p, domain);
+        self.pressures(p, domain, 0.0);
         self.wall_force.clear();
         self.wall_force.resize(p.owned(), Vector::ZERO);
         // A step of no length: rates, accelerations and forces of this state.
