@@ -31,7 +31,7 @@ fn pool<const D: usize>(cells: [i64; D]) -> (Particles<D>, Domain<D>, Medium<D>)
         let kind = if body.fluid() { Kind::Fluid } else { Kind::Wall };
         let mass = (0..D).fold(1000.0, |mass, _| mass * SPACING);
         let x = Vector(cell.map(|c| (c + 0.5) * SPACING));
-        p.push(id as u32, Particle { kind, layer: body.layer, x, v: Vector::ZERO, mass, density: 1000.0, pressure: 0.0, h: 1.5 * SPACING });
+        p.push(id as u32, Particle { kind, layer: body.layer, x, v: Vector::ZERO, mass, density: 1000.0, pressure: 0.0, h: 2.0 * SPACING });
     }
     let medium = Medium { depth: cells[D - 1] as f64 * SPACING, floor: 0.0, ..medium(1e-3) };
     (p, Domain::new(Vector::splat(-1.0), Vector::splat(5.0), [false; D]), medium)
@@ -157,7 +157,7 @@ fn vortex(stepping: Stepping, time: f64) -> Vec<Vector<2>> {
         let v = Vector([-(k * x[0]).cos() * (k * x[1]).sin(), (k * x[0]).sin() * (k * x[1]).cos()]);
         p.push(
             i as u32,
-            Particle { kind: Kind::Fluid, layer: 0, x, v, mass: 1000.0 * dx * dx, density: 1000.0, pressure: 0.0, h: 1.5 * dx },
+            Particle { kind: Kind::Fluid, layer: 0, x, v, mass: 1000.0 * dx * dx, density: 1000.0, pressure: 0.0, h: 2.0 * dx },
         );
     }
     let medium = Medium { gravity: Vector::ZERO, spacing: dx, depth: 1.0, floor: 0.0, ..medium(10.0) };

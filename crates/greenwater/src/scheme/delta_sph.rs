@@ -163,7 +163,7 @@ impl Settings for DeltaSphSettings {
             ("compressibility", format!("weakly compressible, sound speed {speed}")),
             ("pressure from", law.to_owned()),
             ("density from", format!("continuity equation (22), diffusion by {diffusion}, delta = {}; at the start {start}", self.delta)),
-            ("viscosity", format!("of the fluid, and artificial, alpha = {}", self.alpha)),
+            ("viscosity", format!("of the fluid, and artificial, alpha = {}; acoustic damper, {}", self.alpha, self.acoustic_damping)),
             ("time step limited by", limit.to_owned()),
             ("time stepping", stepping.to_owned()),
             ("walls", format!("{walls}, {slip}")),
@@ -213,10 +213,12 @@ impl Settings for DeltaSphSettings {
 ///
 /// A particle stands for the volume `m/ρ0` throughout. With `m/ρ` a lattice that starts uncompressed would carry the pressure
 /// `ρ0 g d (ρ/ρ0)²`, 0.5 % too much under a depth `H`; the two differ by the square of the Mach number.
+/// The pressure in forces has that of the acoustic damper, `−α2 ρ0 c0 h ∇·v`, added away from the free surface.
 /// Every force is equal and opposite in a pair. Diffusion and artificial viscosity act between fluid particles only.
 ///
 /// Sources: Antuono, Colagrossi, Marrone & Molteni, Comput. Phys. Commun. 181 (2010) 532; Marrone et al., Comput. Methods Appl.
-/// Mech. Eng. 200 (2011) 1526; Fourtakas et al., Comput. Fluids 190 (2019) 346; viscosity by Morris, Fox & Zhu (1997).
+/// Mech. Eng. 200 (2011) 1526; Fourtakas et al., Comput. Fluids 190 (2019) 346; viscosity by Morris, Fox & Zhu (1997);
+/// damper by Sun, Pilloton, Antuono & Colagrossi, J. Comput. Phys. 483 (2023) 112056.
 pub type DeltaSph<K, const D: usize> = Acoustic<K, D>;
 
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
