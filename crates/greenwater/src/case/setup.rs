@@ -248,7 +248,8 @@ impl<const D: usize> Setup<D> {
         let fastest = bodies.rows.iter().map(|row| row.particle.v.norm()).fold(0.0, f64::max);
         let fastest = motions.iter().map(|motion| motion.fastest(s.time.end)).fold(fastest, f64::max);
         let speed = fastest.max(2.0 * (g * depth).sqrt());
-        method.resolve(&Still { g, depth, floor, speed, spacing: dx, from_file: s.fluid.from_file.is_some() });
+        let pressure_written = s.fluid.pressure.is_some() || s.fluid.initial_pressure == InitialPressure::Zero;
+        method.resolve(&Still { g, depth, floor, speed, spacing: dx, from_file: s.fluid.from_file.is_some(), pressure_written });
         let fluid_volume = bodies.rows.iter().filter(is_fluid).map(|row| row.particle.mass / row.particle.density).sum();
         let particles = bodies.into_particles(source)?;
 

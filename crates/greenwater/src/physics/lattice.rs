@@ -105,6 +105,12 @@ impl Lattice {
         0.5 * (self.spread_row[0] + self.spread_row[1])
     }
 
+    /// `|Σ f x|` that tells a void, 1/m: that beside one missing neighbour. A wide kernel sees the surface from the second row better
+    /// than a single gap from beside it: then half-way between the two outermost rows of a flat surface.
+    pub fn slope_of_gap(&self) -> f64 {
+        if self.slope_vacancy > self.slope_row[1] { self.slope_vacancy } else { 0.5 * (self.slope_row[0] + self.slope_row[1]) }
+    }
+
     /// What a surface makes missing of `Σ V W` where it makes a slope of `slope`, 1/m; over the whole, dimensionless. Exact in rows 0
     /// and 1, none inside; between them the ratio of both goes with the slope.
     pub fn missing(&self, slope: f64) -> f64 {
@@ -154,5 +160,58 @@ mod tests {
         assert!((one.spread / other.spread - 1.0).abs() < 1e-12);
         assert!((one.diagonal / other.diagonal * 1e4 - 1.0).abs() < 1e-12);
         assert!((one.slope_corner / other.slope_corner * 1e2 - 1.0).abs() < 1e-12);
+    }
+
+    /// Least stiffness of a square lattice against waves across their own direction, in `p/(ρ Δ²)`: negative where the lattice gives
+    /// way under its own pressure `p`. Pair forces `−2 p V² ∇W` about the lattice: `K(k) = 2 V Σ ∇∇W (1 − cos k·x)`, of which the
+    /// part along the gradient that pressure works on, `Σ ∇W sin k·x`, is held by the speed of sound.
+    fn least_stiffness(h: f64) -> f64 {
+        let (reach, waves) = (5_i32, 24_i32);
+        let mut least = f64::INFINITY;
+        let scale = 2.0 / Lattice::of::<_, 2>(WendlandC2, h, 1.0, 1e3).slope_of_linear::<2>();
+        for k in (0..=waves).flat_map(|i| (0..=waves).map(move |j| (i, j))).filter(|k| *k != (0, 0)) {
+            let k = std::f64::consts::PI / f64::from(waves) * Vector([f64::from(k.0), f64::from(k.1)]);
+            let (mut stiffness, mut along) = ([0.0; 3], Vector::ZERO);
+            for cell in (-reach..=reach).flat_map(|i| (-reach..=reach).map(move |j| (i, j))).filter(|c| *c != (0, 0)) {
+                let x = Vector([f64::from(cell.0), f64::from(cell.1)]);
+                let r = x.norm();
+                let first = Kernel::<2>::dw_over_r(WendlandC2, r, h);
+                // Central difference of W'/r; 1e-4: its error is of the order of 1e-8.
+                let second =
+                    (Kernel::<2>::dw_over_r(WendlandC2, r + 1e-4, h) - Kernel::<2>::dw_over_r(WendlandC2, r - 1e-4, h)) / (2e-4 * r);
+                let weight = scale * (1.0 - k.dot(x).cos());
+                stiffness[0] += weight * (first + second * x[0] * x[0]);
+                stiffness[1] += weight * second * x[0] * x[1];
+                stiffness[2] += weight * (first + second * x[1] * x[1]);
+                along += k.dot(x).sin() * first * x;
+            }
+            let [xx, xy, yy] = stiffness;
+            let length = along.norm();
+            // Waves that pressure does not feel at all, as at the corner of the zone, are free in both directions.
+            let across = if length > 1e-6 {
+                let t = Vector([-along[1], along[0]]) / length;
+                t[0] * t[0] * xx + 2.0 * t[0] * t[1] * xy + t[1] * t[1] * yy
+            } else {
+                0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt()
+            };
+            least = least.min(across);
+        }
+        least
+    }
+
+    /// 1e-3: a tenth of what tears the lattice apart at 1.5 spacings.
+    #[test]
+    fn a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half() {
+        assert!(least_stiffness(2.0) > -1e-3, "{}", least_stiffness(2.0));
+        assert!(least_stiffness(1.5) < -5e-3, "{}", least_stiffness(1.5));
+    }
+
+    /// A surface is told from a void by a wide kernel, and a void from the second row by a narrow one.
+    #[test]
+    fn the_second_row_is_not_beside_a_void() {
+        for h in [1.3, 1.5, 2.0, 2.2] {
+            let l = Lattice::of::<_, 2>(WendlandC2, h, 1.0, 1e3);
+            assert!(l.slope_of_gap() > l.slope_row[1] && l.slope_of_gap() < l.slope_row[0], "{l:?}");
+        }
     }
 }

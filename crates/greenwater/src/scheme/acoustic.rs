@@ -45,8 +45,10 @@ pub enum Stepping {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StartPressure {
-    /// From the density that the case or the particle file gives.
+    /// From the density that the particle file gives.
     Given,
+    /// That of the case: `fluid.pressure`, or `fluid.initial_pressure`.
+    Written,
     /// `p = ρ0 g d` under the weight of the fluid above, whatever is beside it.
     Hydrostatic,
     /// That of a flow about to begin: zero on the free surface, the weight of the liquid on walls, harmonic in between. Liquid at
@@ -147,6 +149,8 @@ pub(super) struct Plan {
     pub stepping: Stepping,
     /// Share of `h/(c0 + v)` that a sound step takes.
     pub acoustic_courant: f64,
+    /// Strength of the acoustic damper; 0 for none.
+    pub damping: f64,
     /// What diffusion leaves alone.
     pub diffusion: Diffusion,
     /// Strength of the shift over that of Sun et al.; 0 for none.
@@ -217,6 +221,8 @@ pub struct Acoustic<K, const D: usize> {
     wall_force: Vec<Vector<D>>,
     /// Rate of density, kg/(m³ s).
     rate: Vec<f64>,
+    /// The part of it that is compression, `−ρ0 ∇·v`, kg/(m³ s).
+    compression: Vec<f64>,
     /// Velocity at the start of the step, m/s.
     v_before: Vec<Vector<D>>,
     /// The kernel of each row, for pair terms with linear kernels.
@@ -244,6 +250,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             push: Vec::new(),
             wall_force: Vec::new(),
             rate: Vec::new(),
+            compression: Vec::new(),
             v_before: Vec::new(),
             linear: Vec::new(),
             fresh: Vec::new(),
@@ -276,11 +283,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     ///
     /// A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way between the two
     /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are as
-    /// one-sided as beside a missing one: a void is a surface, too, and shifting must not fill it.
+    /// one-sided as beside a void: that is a surface, too, and shifting must not fill it.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest));
         let (threshold, gap) =
-            (self.lattice.surface_threshold(), p.h_max() * self.lattice.slope_vacancy / self.lattice.slope_of_linear::<D>());
+            (self.lattice.surface_threshold(), p.h_max() * self.lattice.slope_of_gap() / self.lattice.slope_of_linear::<D>());
         let rows = p.len();
         self.place.resize(rows, Place::Inside);
         self.normal.resize(rows, Vector::ZERO);
@@ -372,12 +379,20 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.follow(p, domain);
     }
 
-    /// Pressure of fluid by the equation of state, then of walls.
-    fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        let state = self.plan.state;
+    /// Pressure of fluid by the equation of state and the acoustic damper, then of walls.
+    ///
+    /// The damper is the pressure of a bulk viscosity, `−α2 ρ0 c0 h ∇·v` (Sun, Pilloton, Antuono & Colagrossi 2023): it takes energy
+    /// from sound and none from flow that keeps its volume. None within reach of the free surface, where `∇·v` misses neighbours.
+    fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>, damping: f64) {
+        let (state, damping) = (self.plan.state, damping * self.plan.state.sound);
         let owned = p.owned();
-        let (kind, density) = (&p.kind, &p.density);
-        sweep(&mut p.pressure[..owned], |a| if kind[a] == Kind::Fluid { state.pressure(density[a]) } else { 0.0 });
+        self.compression.resize(owned, 0.0);
+        let (kind, density, place, h, compression) = (&p.kind, &p.density, &self.place, &p.h, &self.compression);
+        sweep(&mut p.pressure[..owned], |a| match kind[a] {
+            Kind::Fluid if place[a] == Place::Inside => state.pressure(density[a]) + damping * h[a] * compression[a],
+            Kind::Fluid => state.pressure(density[a]),
+            Kind::Wall | Kind::Lost => 0.0,
+        });
         domain.refresh_column(&mut p.pressure);
         self.walls.extrapolate(self.kernel, &self.near, p, domain, Liquid { state, gravity: self.medium.gravity });
     }
@@ -427,15 +442,16 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         });
     }
 
-    /// Rate of the density of fluid, in `rate`.
+    /// Rate of the density of fluid, in `rate`, and its part by compression.
     fn rates<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
         let flux = flux.with_sound(self.plan.state.sound);
         let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), &self.gradient);
         let (shifts, linear) = (&self.shifts, &self.linear);
         let side = |a: usize| Side { v: p.v[a], u: p.v[a], density: p.density[a], pressure: p.pressure[a], inside: true };
         self.rate.resize(p.owned(), 0.0);
-        sweep(&mut self.rate, |a| {
-            let mut sum = 0.0;
+        self.compression.resize(p.owned(), 0.0);
+        sweep2(&mut self.rate, &mut self.compression, |a| {
+            let (mut sum, mut compression) = (0.0, 0.0);
             if p.is_fluid(a) {
                 sum = shifts[a].pull;
                 let own = side(a);
@@ -447,10 +463,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                         let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall: !p.is_fluid(b) };
                         let jump = crate::physics::diffusion::jump(own.density, p.density[b], gradient[a], gradient[b], pair.x_ab);
                         sum += p.mass[b] * flux.rate(own, side(b), between, jump);
+                        compression += p.mass[b] * dw * (own.v - p.v[b]).dot(pair.x_ab);
                     }
                 });
             }
-            sum
+            (sum, compression)
         });
     }
 
@@ -523,7 +540,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             domain.refresh_column(&mut p.density);
             self.follow(p, domain);
         });
-        phases.measure("pressure", || self.pressures(p, domain));
+        phases.measure("pressure", || self.pressures(p, domain, self.plan.damping));
 
         // v^{n+1} = v^n + Δt a(x^{n+1/2}, ρ^{n+1/2}, v^n)
         if self.medium.viscosity > 0.0 {
@@ -633,8 +650,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         // (3) now and then, density from the neighbourhood
         phases.measure("density", || self.reset_density(p, domain));
 
-        // (4) what others read
-        phases.measure("pressure", || self.pressures(p, domain));
+        // (4) what others read: the pressure of the density
+        phases.measure("pressure", || self.pressures(p, domain, 0.0));
         for a in 0..p.owned() {
             if p.kind[a] == Kind::Fluid {
                 p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;

@@ -122,6 +122,7 @@ impl Relative for EdacSettings {
             stepping: self.stepping,
             acoustic_courant: self.acoustic_courant,
             search: self.search,
+            acoustic_damping: 0.0,
             ..DeltaSphSettings::preset(self.preset)
         }
     }

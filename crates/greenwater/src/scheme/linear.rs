@@ -119,6 +119,7 @@ impl Relative for RkpmSettings {
             stepping: self.stepping,
             acoustic_courant: self.acoustic_courant,
             search: self.search,
+            acoustic_damping: 0.0,
             ..DeltaSphSettings::preset(self.preset)
         }
     }
@@ -248,6 +249,7 @@ impl Relative for MlsphSettings {
             stepping: self.stepping,
             acoustic_courant: self.acoustic_courant,
             search: self.search,
+            acoustic_damping: 0.0,
             ..DeltaSphSettings::preset(self.preset)
         }
     }

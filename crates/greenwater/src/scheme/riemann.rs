@@ -115,6 +115,7 @@ impl Relative for RiemannSettings {
             stepping: self.stepping,
             acoustic_courant: self.acoustic_courant,
             search: self.search,
+            acoustic_damping: 0.0,
             ..DeltaSphSettings::preset(self.preset)
         }
     }

@@ -71,6 +71,8 @@ pub struct Still {
     pub spacing: f64,
     /// Whether the particles come from a file.
     pub from_file: bool,
+    /// Whether the case has a pressure of its own: a formula, or zero.
+    pub pressure_written: bool,
 }
 
 /// The settings of one method, in its file.

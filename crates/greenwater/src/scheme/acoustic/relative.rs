@@ -62,7 +62,9 @@ impl<T: Relative> Settings for T {
     }
 
     fn resolve(&mut self, still: &Still) {
-        self.start_pressure().get_or_insert(if still.from_file { StartPressure::Given } else { StartPressure::Released });
+        let mut shared = self.shared();
+        shared.resolve(still);
+        *self.start_pressure() = shared.start_pressure;
     }
 
     fn distinctions(&self) -> Vec<(&'static str, String)> {

@@ -33,10 +33,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.lattice = Lattice::of(self.kernel, p.h_max(), self.medium.spacing, self.medium.rest_density);
         let state = self.plan.state;
         for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
-            if self.plan.start != StartPressure::Given {
-                let depth = (self.medium.depth - self.medium.height(p.x[a])).max(0.0);
-                p.density[a] = state.density(state.rest * self.medium.g() * depth);
-            }
+            let depth = (self.medium.depth - self.medium.height(p.x[a])).max(0.0);
+            p.density[a] = match self.plan.start {
+                StartPressure::Given => p.density[a],
+                StartPressure::Written => state.density(p.pressure[a]),
+                StartPressure::Hydrostatic | StartPressure::Released => state.density(state.rest * self.medium.g() * depth),
+            };
             p.pressure[a] = state.pressure(p.density[a]);
         }
         self.search(p, domain)?;
@@ -45,7 +47,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             self.release(p, domain);
         }
         self.shift(p, domain, 0.0);
-        self.pressures(p, domain);
+        self.pressures(p, domain, 0.0);
         self.wall_force.clear();
         self.wall_force.resize(p.owned(), Vector::ZERO);
         // A step of no length: rates, accelerations and forces of this state.
