@@ -2,9 +2,13 @@
 //! projection cleans the velocity, and a projection of positions keeps the density.
 
 mod closure;
+mod parts;
 mod settings;
+mod walls;
 
 use self::closure::Closure;
+use self::parts::Parts;
+use self::walls::Guarded;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
@@ -15,10 +19,9 @@ use crate::physics::arrangement::{Arrangement, Place, across, known_along};
 use crate::physics::lattice::Lattice;
 use crate::poisson::projection::{self, Workspace};
 use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport};
-use crate::reduce::sum;
 use crate::sweep::{largest, sweep, sweep2, update};
 use crate::time::{Phases, StepLimit};
-use crate::walls::{first_line_parents, wall_normals};
+use crate::walls::wall_normals;
 
 pub use settings::{FreeSurface, IsphSettings, IsphShiftSettings, WallFriction};
 
@@ -54,7 +57,10 @@ struct Flow<const D: usize> {
     matrix: CsrMatrix,
     /// `s` of each row, 1/m².
     pull: Vec<f64>,
+    parts: Parts<D>,
     closure: Closure,
+    /// Pressure gradient of the step before, Pa/m.
+    rise: Vec<Vector<D>>,
     source: Vec<f64>,
     solution: Vec<f64>,
     pressure: Vec<f64>,
@@ -77,16 +83,6 @@ struct Flow<const D: usize> {
     dt_before: Option<f64>,
 }
 
-/// A fluid particle after its move, and what the guard of walls did to it.
-#[derive(Clone, Copy, Debug, Default)]
-struct Guarded<const D: usize> {
-    x: Vector<D>,
-    v: Vector<D>,
-    /// Velocity the wall took, m/s, and the row of its particle.
-    taken: Vector<D>,
-    wall: u32,
-}
-
 impl<K: Kernel<D>, const D: usize> Isph<K, D> {
     /// The method for a fluid, with a kernel and checked parameters.
     ///
@@ -105,7 +101,9 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             places: Vec::new(),
             matrix: CsrMatrix::new(),
             pull: Vec::new(),
+            parts: Parts::default(),
             closure: Closure::default(),
+            rise: Vec::new(),
             source: Vec::new(),
             solution: Vec::new(),
             pressure: Vec::new(),
@@ -154,6 +152,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
                 }
             });
         }
+        flow.parts.find(p, domain, &flow.near);
         let at = &flow.at;
         sweep2(&mut p.density[..owned], &mut p.surface[..owned], |a| (rest * at[a].filling, u8::from(at[a].place == Place::Surface)));
         Ok(())
@@ -167,45 +166,17 @@ impl<const D: usize> Flow<D> {
         fastest.max((self.medium.g() * self.medium.depth).sqrt())
     }
 
-    /// Whether normals of walls are needed: at the start, and while walls move.
-    fn walls_turn(&self, p: &Particles<D>) -> bool {
-        self.first_line.len() != p.owned() || (0..p.owned()).any(|a| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO)
-    }
-
-    /// Normals of walls from those of the first line where there are new ones, and `g − a` of all.
-    fn look_at_walls(&mut self, p: &Particles<D>, domain: &Domain<D>, first: Option<&[Vector<D>]>) {
-        let owned = p.owned();
-        if self.first_line.len() != owned {
-            self.first_line = first_line_parents(&self.near, p);
-        }
-        self.normals.resize(p.len(), Vector::ZERO);
-        if let Some(first) = first {
-            let first_line = &self.first_line;
-            sweep(&mut self.normals[..owned], |a| first[first_line[a] as usize]);
-        }
-        domain.refresh_column(&mut self.normals);
-        self.answer.resize(p.len(), Vector::ZERO);
-        let gravity = self.medium.gravity;
-        sweep(&mut self.answer[..owned], |a| gravity - p.acceleration[a]);
-        domain.refresh_column(&mut self.answer);
-    }
-
-    /// Drag of wall particle `w` on fluid particle `a`, m/s² over `ν`: `2 f β (v_w − v_a)`, `β = 1 + d_w/d_a` from the distances
-    /// to the face of the wall: the velocity goes on linearly to that of the wall there (Morris, Fox & Zhu 1997).
-    fn drag(&self, p: &Particles<D>, a: usize, w: usize, x_aw: Vector<D>, f: f64) -> Vector<D> {
-        let dx = self.medium.spacing;
-        let behind = (f64::from(p.layer[w]) - 0.5) * dx;
-        // Nearer than half a spacing a particle is taken to be there: it would be dragged without bound.
-        let before = (x_aw.dot(self.normals[w]) - behind).max(0.5 * dx);
-        let beta = if self.normals[w] == Vector::ZERO { 1.0 } else { 1.0 + behind / before };
-        2.0 * f * beta * (p.v[w] - p.v[a])
+    /// The factor `ν` of sums `2ν Σ f (v_b − v_a)`, m²/s, for which they are exact for parabolic profiles on a lattice, whose `Σ f r²` is
+    /// not quite `D`.
+    fn diffusivity(&self) -> f64 {
+        self.medium.viscosity / (self.medium.rest_density * self.lattice.slope_of_linear::<D>())
     }
 
     /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997), and the dissipation between approaching
     /// particles, `2(D+2) ν f (v_ab·x_ab) x_ab/r²` with `ν = dissipation · h U/8` (Monaghan 1992).
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
         let mut total = Vector::ZERO;
-        let nu = self.medium.viscosity / self.medium.rest_density;
+        let nu = self.diffusivity();
         let numerical = 2.0 * (D as f64 + 2.0) * self.settings.dissipation * self.near.h(a) * speed / 8.0;
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
         if nu == 0.0 && numerical == 0.0 {
@@ -304,14 +275,33 @@ impl<const D: usize> Flow<D> {
                     }
                 });
             }
-            walls - rest / dt * self.divergence_to_remove(a, dt)
+            let mut deferred = 0.0;
+            if answered == Answer::Full && knob(1) > 0.0 {
+                let at = &self.at[a];
+                let g = if knob(1) == 2.0 { rest * self.medium.gravity } else { self.rise[a] };
+                deferred = -2.0 * g.dot(match at.place {
+                    Place::Inside => at.slope,
+                    Place::Near => across(at.slope, at.inwards),
+                    Place::Surface if knob(2) > 0.0 => Vector::ZERO,
+                    Place::Surface => across(at.slope, across(at.slope, at.off_walls)),
+                });
+                if knob(3) > 0.0 && at.off_walls != Vector::ZERO {
+                    self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+                        if !p.is_fluid(b) {
+                            let lacking = rest * self.answer[b] - g;
+                            deferred += 2.0 * f * across(lacking, self.normals[b]).dot(x_ab);
+                        }
+                    });
+                }
+            }
+            deferred + walls - rest / dt * self.divergence_to_remove(a, dt)
         });
         self.source = source;
         let owned = p.owned();
         let whole_is_closed = !self.pull.iter().any(|&s| s > 0.0);
         self.closure.active = whole_is_closed || self.closure.parts;
         if self.closure.active {
-            self.closure.find(p, domain, &self.near, &self.pull, whole_is_closed);
+            self.closure.find(&self.parts, &self.pull);
             self.closure.level(&mut self.source);
         }
         let solved = self.solver.solve(&self.matrix, &self.source, &mut self.solution[..owned]);
@@ -322,7 +312,7 @@ impl<const D: usize> Flow<D> {
             Err(_) => {
                 self.pull.iter_mut().for_each(|s| *s = s.max(0.0));
                 self.fill_matrix(p, domain);
-                if !whole_is_closed && self.closure.find(p, domain, &self.near, &self.pull, false) {
+                if !whole_is_closed && self.closure.find(&self.parts, &self.pull) {
                     (self.closure.parts, self.closure.active) = (true, true);
                     self.closure.level(&mut self.source);
                 }
@@ -352,7 +342,7 @@ impl<const D: usize> Flow<D> {
                 differences += f * rest * self.answer[b].dot(along) * along;
             }
         });
-        transform(&at.correction, differences) + (pressure[a] - lowest) * at.repulsion()
+        transform(&at.correction, differences) + (1.0 - knob(0)) * (pressure[a] - lowest) * at.repulsion()
     }
 
     /// A few iterations of `−D G q = source` and then `G q`, in `q` and `self.gradient`.
@@ -495,113 +485,6 @@ impl<const D: usize> Flow<D> {
         total
     }
 
-    /// Fluid particle `a` moved by the step, but kept at least a fifth of a spacing off the face of a wall; there it loses its
-    /// velocity into the wall.
-    fn guarded(&self, p: &Particles<D>, a: usize, dt: f64) -> Guarded<D> {
-        let dx = self.medium.spacing;
-        let x = p.x[a] + dt * self.v[a] + self.shift[a];
-        let v = self.v[a] + self.convected(p, a);
-        let mut moved = Guarded { x, v, taken: Vector::ZERO, wall: u32::MAX };
-        if self.at[a].off_walls == Vector::ZERO {
-            return moved;
-        }
-        self.near.for_each_with(a, &self.f, |b, _, _| {
-            let normal = self.normals[b];
-            if p.layer[b] == 1 && normal != Vector::ZERO {
-                let off = moved.x - p.x[b] - dt * self.v[b];
-                let height = off.dot(normal);
-                if height < 0.7 * dx && height > -dx && (off - height * normal).norm() <= dx {
-                    moved.x += (0.7 * dx - height) * normal;
-                    let taken = (moved.v - self.v[b]).dot(normal).min(0.0) * normal;
-                    moved.v -= taken;
-                    moved.taken += taken;
-                    moved.wall = b as u32;
-                }
-            }
-        });
-        moved
-    }
-
-    /// Pressure of first-line wall particle `a`, Pa: `Σ (p_b + ρ (g − a_w)·(x_w − x_b)) f/Σ f` over fluid (after Adami, Hu & Adams
-    /// 2012), less where less than half the fluid of a flat wall is in reach.
-    fn wall_pressure(&self, p: &Particles<D>, a: usize) -> f64 {
-        let (mut weight, mut total, mut spread) = (0.0, 0.0, 0.0);
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-            if p.is_fluid(b) {
-                weight += f;
-                spread += f * x_ab.norm_squared();
-                total += f * (self.pressure[b] + self.medium.rest_density * self.answer[a].dot(x_ab));
-            }
-        });
-        let flat_wall = (1.0 - self.lattice.spread_row[0]) * self.lattice.spread;
-        if weight > 0.0 { total / weight * (spread / (0.5 * flat_wall)).min(1.0) } else { 0.0 }
-    }
-
-    /// Pressure of wall rows for output: the first line from the fluid, the others from the first one with the weight between.
-    fn wall_pressures(&mut self, p: &mut Particles<D>) {
-        let owned = p.owned();
-        let mut walls = std::mem::take(&mut self.solution);
-        sweep(&mut walls[..owned], |a| if p.kind[a] == Kind::Wall && p.layer[a] <= 1 { self.wall_pressure(p, a) } else { 0.0 });
-        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Wall) {
-            let first = self.first_line[a] as usize;
-            let below = self.medium.rest_density * self.answer[a].dot(p.x[a] - p.x[first]);
-            p.pressure[a] = if walls[first] == 0.0 { 0.0 } else { walls[first] + below };
-        }
-        self.solution = walls;
-    }
-
-    /// Force of the fluid on wall particle `a`, N, but for friction: pressure of each pair, `V f (p_b + p_w) x_wb`, the potential
-    /// of the clean-up, and what the guard took.
-    fn wall_force(&self, p: &Particles<D>, domain: &Domain<D>, dt: f64, a: usize) -> Vector<D> {
-        let rest = self.medium.rest_density;
-        // Exact for constant pressure on a lattice.
-        let scale = D as f64 / self.lattice.spread;
-        let mut total = Vector::ZERO;
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-            if p.is_fluid(b) {
-                let pressure = scale * (2.0 * self.pressure[b] + rest * self.answer[a].dot(x_ab)) + rest * self.with_ghosts[b] / dt;
-                total += p.mass[b] / rest * f * pressure * x_ab;
-                let owner = domain.parent(b, p.owned());
-                let moved = &self.moved[owner];
-                if moved.wall != u32::MAX && domain.parent(moved.wall as usize, p.owned()) == a {
-                    total += p.mass[b] / dt * moved.taken;
-                }
-            }
-        });
-        total
-    }
-
-    /// Forces on walls: friction is there already; adds the rest, and shares out what the momentum of the fluid says is missing.
-    fn wall_forces(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
-        let owned = p.owned();
-        // Potential of the clean-up, with ghosts.
-        if self.settings.velocity_iterations > 0 {
-            self.with_ghosts[..owned].copy_from_slice(&self.cleaning);
-            domain.refresh_column(&mut self.with_ghosts);
-        } else {
-            self.with_ghosts.clear();
-            self.with_ghosts.resize(p.len(), 0.0);
-        }
-        let mut force = std::mem::take(&mut p.force);
-        let this = &*self;
-        update(&mut force[..owned], |a, force| {
-            if p.kind[a] == Kind::Wall {
-                *force += this.wall_force(p, domain, dt, a);
-            }
-        });
-        for d in 0..D {
-            let on_walls = sum(owned, |a| force[a][d]);
-            let exerted = sum(owned, |a| force[a][d].abs());
-            let of_fluid = sum(owned, |a| if p.is_fluid(a) { p.mass[a] * (p.acceleration[a][d] - self.medium.gravity[d]) } else { 0.0 });
-            // The gradient is exact rather than conservative: the balance of momentum differs a little from the sum over pairs.
-            let missing = -of_fluid - on_walls;
-            if exerted > 0.0 {
-                let share = (missing / exerted).clamp(-1.0, 1.0);
-                update(&mut force[..owned], |_, force| force[d] += share * force[d].abs());
-            }
-        }
-        p.force = force;
-    }
 }
 
 /// Whether the pressure of walls answers to gravity and their acceleration: in the first pressure solve of a step.
@@ -609,6 +492,19 @@ impl<const D: usize> Flow<D> {
 enum Answer {
     Full,
     None,
+}
+
+fn knob(i: usize) -> f64 {
+    static K: std::sync::OnceLock<Vec<f64>> = std::sync::OnceLock::new();
+    K.get_or_init(|| {
+        let text = std::env::var("GW").unwrap_or_default();
+        let mut k = vec![0.0; 16];
+        for pair in text.split(',').filter(|s| !s.is_empty()) {
+            let (i, v) = pair.split_once('=').unwrap();
+            k[i.parse::<usize>().unwrap()] = v.parse().unwrap();
+        }
+        k
+    })[i]
 }
 
 /// `v`, shortened to length `most`.
@@ -674,16 +570,18 @@ impl<const D: usize> Flow<D> {
     /// A step, once the sums over neighbours are there.
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
         let owned = p.owned();
+        // Velocities stand half a step before positions.
+        let kick = 0.5 * (self.dt_before.unwrap_or(0.0) + dt);
 
         // (1) v* = v + Δt (g + viscosity), walls v + Δt (g − a)
-        phases.measure("prediction", || self.predict(p, dt));
+        phases.measure("prediction", || self.predict(p, kick));
 
         // (2) compact pressure equation, (3) v = v* − (Δt/ρ) ∇p; further passes take up what is left of the divergence
         phases.measure("assembly", || self.assemble(p, domain));
-        let report = phases.measure("pressure", || self.press(p, domain, dt))?;
+        let report = phases.measure("pressure", || self.press(p, domain, kick))?;
 
         // (4) clean the velocity by a few iterations of the exact projection
-        phases.measure("clean-up", || self.clean(p, domain, dt));
+        phases.measure("clean-up", || self.clean(p, domain, kick));
 
         // (5) even spacing, and the density kept by moving particles
         phases.measure("positions", || self.rearrange(p, domain, dt));
@@ -693,14 +591,16 @@ impl<const D: usize> Flow<D> {
             let mut moved = std::mem::take(&mut self.moved);
             moved.resize(owned, Guarded::default());
             sweep(&mut moved, |a| if p.is_fluid(a) { self.guarded(p, a, dt) } else { Guarded::default() });
+            let (gravity, at) = (self.medium.gravity, &self.at);
+            self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, gravity, (dt, kick), &mut moved);
             self.moved = moved;
             for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.acceleration[a] = (self.moved[a].v - p.v[a]) / dt;
+                p.acceleration[a] = (self.moved[a].v - p.v[a]) / kick;
                 p.v[a] = self.moved[a].v;
             }
             p.pressure.clone_from(&self.pressure);
             self.wall_pressures(p);
-            self.wall_forces(p, domain, dt);
+            self.wall_forces(p, domain, kick);
             for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
                 p.x[a] = self.moved[a].x;
             }
@@ -720,7 +620,7 @@ impl<const D: usize> Flow<D> {
             Kind::Wall => p.v[a] + dt * this.answer[a],
             Kind::Lost => Vector::ZERO,
         });
-        let nu = self.medium.viscosity / self.medium.rest_density;
+        let nu = self.diffusivity();
         let sticks = nu > 0.0 && self.settings.wall_friction == WallFriction::NoSlip;
         let mut force = std::mem::take(&mut p.force);
         sweep(&mut force[..owned], |a| {
@@ -742,6 +642,7 @@ impl<const D: usize> Flow<D> {
     fn press(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) -> Result<StepReport, StepError> {
         let (owned, rest) = (p.owned(), self.medium.rest_density);
         self.solution.resize(p.len(), 0.0);
+        self.rise.resize(owned, Vector::ZERO);
         self.pressure.clear();
         self.pressure.resize(p.len(), 0.0);
         let (mut iterations, mut residual) = (0, 0.0f64);
@@ -758,6 +659,14 @@ impl<const D: usize> Flow<D> {
                 Kind::Wall => p.v[a],
                 Kind::Lost => Vector::ZERO,
             });
+            let mut rise = std::mem::take(&mut self.rise);
+            update(&mut rise, |a, rise| {
+                let before = if pass == 0 { Vector::ZERO } else { *rise };
+                if p.is_fluid(a) {
+                    *rise = before + (rest / dt) * (self.v[a] - next[a]);
+                }
+            });
+            self.rise = rise;
             self.v_next = std::mem::replace(&mut self.v, next);
             for (total, part) in self.pressure.iter_mut().zip(&self.solution) {
                 *total += part;
