@@ -34,7 +34,9 @@ pub use settings::{FreeSurface, IsphSettings, IsphShiftSettings, WallFriction};
 /// 3. `v = v* − (Δt/ρ) ∇p` with the corrected gradient; the same again for what divergence is left; the sum is the pressure;
 /// 4. a few iterations of the exact projection `D G q = D v`, `G` the adjoint of `D`, clean the velocity; `q` is discarded;
 /// 5. shifting to even spacing, and the same exact projection applied to positions restores the density;
-/// 6. `x += Δt v + δx`, `v += δx·∇v`.
+/// 6. `x += Δt v + δx`, `v += δx·∇v`, and parts that touch no wall keep momentum and angular momentum.
+///
+/// Velocities stand half a step before positions: pushes last from the middle of one step to that of the next.
 ///
 /// Sources: Cummins & Rudman (1999) (projection), Nair & Tomar (2014) (surface rows), Bender & Koschier (2017) (exact
 /// projection), Skillen et al. (2013) (shifting), Bonet & Lok (1999) (corrected gradient).
@@ -61,6 +63,8 @@ struct Flow<const D: usize> {
     closure: Closure,
     /// Pressure gradient of the step before, Pa/m.
     rise: Vec<Vector<D>>,
+    /// See [`bending`](Self::bending); empty where a surface is tracked.
+    bending: Vec<f64>,
     source: Vec<f64>,
     solution: Vec<f64>,
     pressure: Vec<f64>,
@@ -81,6 +85,8 @@ struct Flow<const D: usize> {
     normals: Vec<Vector<D>>,
     first_line: Vec<u32>,
     dt_before: Option<f64>,
+    /// Greatest speed of the step, m/s.
+    fastest: f64,
 }
 
 impl<K: Kernel<D>, const D: usize> Isph<K, D> {
@@ -104,6 +110,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             parts: Parts::default(),
             closure: Closure::default(),
             rise: Vec::new(),
+            bending: Vec::new(),
             source: Vec::new(),
             solution: Vec::new(),
             pressure: Vec::new(),
@@ -121,6 +128,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             normals: Vec::new(),
             first_line: Vec::new(),
             dt_before: None,
+            fastest: 0.0,
         };
         Ok(Self { kernel, flow })
     }
@@ -172,7 +180,8 @@ impl<const D: usize> Flow<D> {
         self.medium.viscosity / (self.medium.rest_density * self.lattice.slope_of_linear::<D>())
     }
 
-    /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997), and the dissipation between approaching
+    /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997), inside less what uneven neighbours make of a
+    /// linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
     /// particles, `2(D+2) ν f (v_ab·x_ab) x_ab/r²` with `ν = dissipation · h U/8` (Monaghan 1992).
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
         let mut total = Vector::ZERO;
@@ -182,19 +191,24 @@ impl<const D: usize> Flow<D> {
         if nu == 0.0 && numerical == 0.0 {
             return total;
         }
+        let (mut linear, uneven) = (Vector::ZERO, transform(&self.at[a].correction, self.at[a].slope));
         self.near.for_each_with(a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
                 let v_ab = p.v[a] - p.v[b];
                 total -= 2.0 * nu * f * v_ab;
+                linear += f * uneven.dot(x_ab) * v_ab;
                 let approach = v_ab.dot(x_ab);
                 if approach < 0.0 {
                     total -= (numerical * f * approach / x_ab.norm_squared()) * x_ab;
                 }
             } else if sticks && nu > 0.0 {
-                total += nu * self.drag(p, a, b, x_ab, f);
+                let drag = self.drag(p, a, b, x_ab, f);
+                total += nu * drag;
+                linear -= 0.5 * uneven.dot(known_along(x_ab, self.normals[b])) * drag;
             }
         });
-        total
+        let known = self.at[a].place == Place::Inside && (sticks || self.at[a].off_walls == Vector::ZERO);
+        if known { total - 2.0 * nu * linear } else { total }
     }
 
     /// `D u` at `a`, 1/s.
@@ -205,11 +219,19 @@ impl<const D: usize> Flow<D> {
         total
     }
 
+    /// `D u` at `a` with the corrected gradient, 1/s: zero for any linear field without divergence, however neighbours are strained.
+    fn corrected_divergence(&self, u: &[Vector<D>], a: usize) -> f64 {
+        let (mut total, u_a, correction) = (0.0, u[a], &self.at[a].correction);
+        self.near.for_each_with(a, &self.f, |b, x_ab, f| total -= f * (u[b] - u_a).dot(transform(correction, x_ab)));
+        total * self.lattice.slope_of_linear::<D>()
+    }
+
     /// What the projections are to remove of `D v` at `a`, 1/s. Where a free surface touches a wall, an expansion is held together with
     /// no more than gravity: a wall has no suction on what the air can reach, and a jet that passes its end must not be drawn around it.
     fn divergence_to_remove(&self, a: usize, dt: f64) -> f64 {
         let at = &self.at[a];
-        let mut divergence = self.divergence(&self.v, a);
+        let surrounded = at.place == Place::Inside && at.off_walls == Vector::ZERO;
+        let mut divergence = if surrounded { self.corrected_divergence(&self.v, a) } else { self.divergence(&self.v, a) };
         if at.place == Place::Surface && at.off_walls != Vector::ZERO {
             // Gravity, or what makes the same greatest speed where there is none.
             let pull = 0.25 * self.medium.speed * self.medium.speed / self.medium.depth;
@@ -256,6 +278,43 @@ impl<const D: usize> Flow<D> {
         });
     }
 
+    /// What uneven neighbours make of a linear pressure in the compact equation although its Laplacian is zero, `−2 ∇p·(Σ V∇W)`, with the
+    /// gradient of the step before, Pa/m²: on its right side it makes the equation exact for linear pressure. The part of the slope
+    /// that is the surface's doing stands in the row's pull.
+    fn unevenness(&self, a: usize) -> f64 {
+        if self.settings.free_surface == FreeSurface::None {
+            return 0.0;
+        }
+        let at = &self.at[a];
+        -2.0 * self.rise[a].dot(match at.place {
+            Place::Inside => at.slope,
+            Place::Near => across(at.slope, at.inwards),
+            Place::Surface => across(at.slope, across(at.slope, at.off_walls)),
+        })
+    }
+
+    /// `∂_i v_j ∂_j v_i` inside and off walls, 1/s²: minus the rate at which the divergence of a velocity falls that moves with the fluid.
+    fn bending(&self, p: &Particles<D>, a: usize) -> f64 {
+        let at = &self.at[a];
+        if !p.is_fluid(a) || at.off_walls != Vector::ZERO {
+            return 0.0;
+        }
+        let mut gradient = [Vector::<D>::ZERO; D];
+        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+            let along = f * transform(&at.correction, x_ab);
+            for (row, v) in gradient.iter_mut().zip((p.v[a] - p.v[b]).0) {
+                *row += v * along;
+            }
+        });
+        let mut total = 0.0;
+        for i in 0..D {
+            for j in 0..D {
+                total += gradient[i][j] * gradient[j][i];
+            }
+        }
+        total * self.lattice.slope_of_linear::<D>()
+    }
+
     /// Solves the compact equation for the divergence of `self.v`; the result is in `self.solution`. `answered`: the wall rows of
     /// `self.v` hold what gravity and their acceleration made of them, and their pressure answers to it.
     fn solve(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64, answered: Answer) -> Result<SolveReport, StepError> {
@@ -275,26 +334,9 @@ impl<const D: usize> Flow<D> {
                     }
                 });
             }
-            let mut deferred = 0.0;
-            if answered == Answer::Full && knob(1) > 0.0 {
-                let at = &self.at[a];
-                let g = if knob(1) == 2.0 { rest * self.medium.gravity } else { self.rise[a] };
-                deferred = -2.0 * g.dot(match at.place {
-                    Place::Inside => at.slope,
-                    Place::Near => across(at.slope, at.inwards),
-                    Place::Surface if knob(2) > 0.0 => Vector::ZERO,
-                    Place::Surface => across(at.slope, across(at.slope, at.off_walls)),
-                });
-                if knob(3) > 0.0 && at.off_walls != Vector::ZERO {
-                    self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-                        if !p.is_fluid(b) {
-                            let lacking = rest * self.answer[b] - g;
-                            deferred += 2.0 * f * across(lacking, self.normals[b]).dot(x_ab);
-                        }
-                    });
-                }
-            }
-            deferred + walls - rest / dt * self.divergence_to_remove(a, dt)
+            let ahead = if self.bending.is_empty() { 0.0 } else { self.bending[a] };
+            let uneven = if answered == Answer::Full { self.unevenness(a) } else { 0.0 };
+            walls + uneven - rest / dt * (self.divergence_to_remove(a, dt) - 0.5 * dt * ahead)
         });
         self.source = source;
         let owned = p.owned();
@@ -328,21 +370,19 @@ impl<const D: usize> Flow<D> {
     }
 
     /// `∇p` at `a`, Pa/m: corrected differences, to walls along their normal only (a wall says nothing of the gradient along it: a
-    /// drop that slides down feels its weight), and a repulsion `(p_a − p_min) Σ V ∇W` that keeps particles apart inside; near a
-    /// surface only along it, at the surface none.
+    /// drop that slides down feels its weight). Nothing pushes particles apart: positions are kept in order by moving them.
     fn pressure_gradient(&self, p: &Particles<D>, answered: Answer, a: usize) -> Vector<D> {
-        let (at, rest, pressure) = (&self.at[a], self.medium.rest_density, &self.solution);
-        let (mut differences, mut lowest) = (Vector::ZERO, pressure[a]);
+        let (rest, pressure) = (self.medium.rest_density, &self.solution);
+        let mut differences = Vector::ZERO;
         self.near.for_each_with(a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
-                lowest = lowest.min(pressure[b]);
                 differences -= f * (pressure[b] - pressure[a]) * x_ab;
             } else if answered == Answer::Full {
                 let along = known_along(x_ab, self.normals[b]);
                 differences += f * rest * self.answer[b].dot(along) * along;
             }
         });
-        transform(&at.correction, differences) + (1.0 - knob(0)) * (pressure[a] - lowest) * at.repulsion()
+        transform(&self.at[a].correction, differences)
     }
 
     /// A few iterations of `−D G q = source` and then `G q`, in `q` and `self.gradient`.
@@ -463,7 +503,12 @@ impl<const D: usize> Flow<D> {
             return Vector::ZERO;
         }
         let h = self.near.h(a);
-        let strength = (self.settings.shifting * h * self.v[a].norm() * dt).min(0.5 * h * h);
+        // Without a surface the greatest speed of all: where flow stagnates, it strains the packing most.
+        let speed = match self.settings.free_surface {
+            FreeSurface::Tracked => self.v[a].norm(),
+            FreeSurface::None => self.fastest,
+        };
+        let strength = (self.settings.shifting * h * speed * dt).min(0.5 * h * h);
         let mut shift = -strength * at.crowding;
         if at.place == Place::Near {
             shift = across(shift, at.slope);
@@ -484,7 +529,6 @@ impl<const D: usize> Flow<D> {
         }
         total
     }
-
 }
 
 /// Whether the pressure of walls answers to gravity and their acceleration: in the first pressure solve of a step.
@@ -492,19 +536,6 @@ impl<const D: usize> Flow<D> {
 enum Answer {
     Full,
     None,
-}
-
-fn knob(i: usize) -> f64 {
-    static K: std::sync::OnceLock<Vec<f64>> = std::sync::OnceLock::new();
-    K.get_or_init(|| {
-        let text = std::env::var("GW").unwrap_or_default();
-        let mut k = vec![0.0; 16];
-        for pair in text.split(',').filter(|s| !s.is_empty()) {
-            let (i, v) = pair.split_once('=').unwrap();
-            k[i.parse::<usize>().unwrap()] = v.parse().unwrap();
-        }
-        k
-    })[i]
 }
 
 /// `v`, shortened to length `most`.
@@ -612,6 +643,7 @@ impl<const D: usize> Flow<D> {
     /// (1): the velocity without pressure, in `self.v`; friction of walls in `p.force`.
     fn predict(&mut self, p: &mut Particles<D>, dt: f64) {
         let (owned, speed) = (p.owned(), self.speed(p));
+        self.fastest = speed;
         let mut v = std::mem::take(&mut self.v);
         v.resize(p.len(), Vector::ZERO);
         let this = &*self;
@@ -645,6 +677,12 @@ impl<const D: usize> Flow<D> {
         self.rise.resize(owned, Vector::ZERO);
         self.pressure.clear();
         self.pressure.resize(p.len(), 0.0);
+        if self.settings.free_surface == FreeSurface::None {
+            let mut bending = std::mem::take(&mut self.bending);
+            bending.resize(owned, 0.0);
+            sweep(&mut bending, |a| self.bending(p, a));
+            self.bending = bending;
+        }
         let (mut iterations, mut residual) = (0, 0.0f64);
         for pass in 0..self.settings.pressure_passes {
             let answered = if pass == 0 { Answer::Full } else { Answer::None };
