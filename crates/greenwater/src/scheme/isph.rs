@@ -286,11 +286,13 @@ impl<const D: usize> Flow<D> {
             return 0.0;
         }
         let at = &self.at[a];
-        -2.0 * self.rise[a].dot(match at.place {
+        // Drops and surface rows: the slope is the surface's.
+        let slope = match at.place {
             Place::Inside => at.slope,
-            Place::Near => across(at.slope, at.inwards),
-            Place::Surface => across(at.slope, across(at.slope, at.off_walls)),
-        })
+            Place::Near if at.inwards != Vector::ZERO => across(at.slope, at.inwards),
+            Place::Near | Place::Surface => return 0.0,
+        };
+        -2.0 * self.rise[a].dot(slope)
     }
 
     /// `∂_i v_j ∂_j v_i` inside and off walls, 1/s²: minus the rate at which the divergence of a velocity falls that moves with the fluid.
@@ -622,8 +624,8 @@ impl<const D: usize> Flow<D> {
             let mut moved = std::mem::take(&mut self.moved);
             moved.resize(owned, Guarded::default());
             sweep(&mut moved, |a| if p.is_fluid(a) { self.guarded(p, a, dt) } else { Guarded::default() });
-            let (gravity, at) = (self.medium.gravity, &self.at);
-            self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, gravity, (dt, kick), &mut moved);
+            let (medium, at) = ((self.medium.gravity, self.medium.spacing), &self.at);
+            self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, medium, (dt, kick), &mut moved);
             self.moved = moved;
             for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
                 p.acceleration[a] = (self.moved[a].v - p.v[a]) / kick;

@@ -92,7 +92,7 @@ impl<const D: usize> Parts<D> {
         p: &Particles<D>,
         domain: &Domain<D>,
         held: impl Fn(usize) -> bool,
-        gravity: Vector<D>,
+        (gravity, spacing): (Vector<D>, f64),
         (dt, kick): (f64, f64),
         moved: &mut [Guarded<D>],
     ) {
@@ -139,8 +139,10 @@ impl<const D: usize> Parts<D> {
             for k in (D * D - D) / 2..3 {
                 body.inertia[k][k] = size;
             }
-            // A line of particles does not resist turning about itself.
-            body.missing = inverse(&body.inertia).map_or(Vector::ZERO, |inverse| crate::math::transform(&inverse, body.missing));
+            // A line of particles does not resist turning about itself, and one alone not at all: what it has is rounding.
+            let turns = size > 1e-6 * body.mass * spacing * spacing;
+            body.missing =
+                inverse(&body.inertia).filter(|_| turns).map_or(Vector::ZERO, |inverse| crate::math::transform(&inverse, body.missing));
         }
         for (a, moved) in moved.iter_mut().enumerate() {
             if let Some(body) = bodies.get(of[a] as usize).filter(|body| !body.held) {
