@@ -214,15 +214,6 @@ impl<const D: usize> Arrangement<D> {
         }
     }
 
-    /// Where `(p − p_min)` pushes: `Σ V∇W` inside, its part along the surface near one, nowhere on it.
-    pub fn repulsion(&self) -> Vector<D> {
-        match self.place {
-            Place::Inside => self.slope,
-            Place::Near => across(across(self.slope, self.off_walls_beside(self.inwards)), self.inwards),
-            Place::Surface => Vector::ZERO,
-        }
-    }
-
     /// The density error to correct, dimensionless: expansion counts only where no surface explains it.
     pub fn density_error(&self) -> f64 {
         match self.place {

@@ -2,9 +2,13 @@
 //! projection cleans the velocity, and a projection of positions keeps the density.
 
 mod closure;
+mod parts;
 mod settings;
+mod walls;
 
 use self::closure::Closure;
+use self::parts::Parts;
+use self::walls::Guarded;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
@@ -15,10 +19,9 @@ use crate::physics::arrangement::{Arrangement, Place, across, known_along};
 use crate::physics::lattice::Lattice;
 use crate::poisson::projection::{self, Workspace};
 use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport};
-use crate::reduce::sum;
 use crate::sweep::{largest, sweep, sweep2, update};
 use crate::time::{Phases, StepLimit};
-use crate::walls::{first_line_parents, wall_normals};
+use crate::walls::wall_normals;
 
 pub use settings::{FreeSurface, IsphSettings, IsphShiftSettings, WallFriction};
 
@@ -31,7 +34,9 @@ pub use settings::{FreeSurface, IsphSettings, IsphShiftSettings, WallFriction};
 /// 3. `v = v* − (Δt/ρ) ∇p` with the corrected gradient; the same again for what divergence is left; the sum is the pressure;
 /// 4. a few iterations of the exact projection `D G q = D v`, `G` the adjoint of `D`, clean the velocity; `q` is discarded;
 /// 5. shifting to even spacing, and the same exact projection applied to positions restores the density;
-/// 6. `x += Δt v + δx`, `v += δx·∇v`.
+/// 6. `x += Δt v + δx`, `v += δx·∇v`, and parts that touch no wall keep momentum and angular momentum.
+///
+/// Velocities stand half a step before positions: pushes last from the middle of one step to that of the next.
 ///
 /// Sources: Cummins & Rudman (1999) (projection), Nair & Tomar (2014) (surface rows), Bender & Koschier (2017) (exact
 /// projection), Skillen et al. (2013) (shifting), Bonet & Lok (1999) (corrected gradient).
@@ -54,7 +59,12 @@ struct Flow<const D: usize> {
     matrix: CsrMatrix,
     /// `s` of each row, 1/m².
     pull: Vec<f64>,
+    parts: Parts<D>,
     closure: Closure,
+    /// Pressure gradient of the step before, Pa/m.
+    rise: Vec<Vector<D>>,
+    /// See [`bending`](Self::bending); empty where a surface is tracked.
+    bending: Vec<f64>,
     source: Vec<f64>,
     solution: Vec<f64>,
     pressure: Vec<f64>,
@@ -75,16 +85,8 @@ struct Flow<const D: usize> {
     normals: Vec<Vector<D>>,
     first_line: Vec<u32>,
     dt_before: Option<f64>,
-}
-
-/// A fluid particle after its move, and what the guard of walls did to it.
-#[derive(Clone, Copy, Debug, Default)]
-struct Guarded<const D: usize> {
-    x: Vector<D>,
-    v: Vector<D>,
-    /// Velocity the wall took, m/s, and the row of its particle.
-    taken: Vector<D>,
-    wall: u32,
+    /// Greatest speed of the step, m/s.
+    fastest: f64,
 }
 
 impl<K: Kernel<D>, const D: usize> Isph<K, D> {
@@ -105,7 +107,10 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             places: Vec::new(),
             matrix: CsrMatrix::new(),
             pull: Vec::new(),
+            parts: Parts::default(),
             closure: Closure::default(),
+            rise: Vec::new(),
+            bending: Vec::new(),
             source: Vec::new(),
             solution: Vec::new(),
             pressure: Vec::new(),
@@ -123,6 +128,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             normals: Vec::new(),
             first_line: Vec::new(),
             dt_before: None,
+            fastest: 0.0,
         };
         Ok(Self { kernel, flow })
     }
@@ -154,6 +160,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
                 }
             });
         }
+        flow.parts.find(p, domain, &flow.near);
         let at = &flow.at;
         sweep2(&mut p.density[..owned], &mut p.surface[..owned], |a| (rest * at[a].filling, u8::from(at[a].place == Place::Surface)));
         Ok(())
@@ -167,63 +174,41 @@ impl<const D: usize> Flow<D> {
         fastest.max((self.medium.g() * self.medium.depth).sqrt())
     }
 
-    /// Whether normals of walls are needed: at the start, and while walls move.
-    fn walls_turn(&self, p: &Particles<D>) -> bool {
-        self.first_line.len() != p.owned() || (0..p.owned()).any(|a| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO)
+    /// The factor `ν` of sums `2ν Σ f (v_b − v_a)`, m²/s, for which they are exact for parabolic profiles on a lattice, whose `Σ f r²` is
+    /// not quite `D`.
+    fn diffusivity(&self) -> f64 {
+        self.medium.viscosity / (self.medium.rest_density * self.lattice.slope_of_linear::<D>())
     }
 
-    /// Normals of walls from those of the first line where there are new ones, and `g − a` of all.
-    fn look_at_walls(&mut self, p: &Particles<D>, domain: &Domain<D>, first: Option<&[Vector<D>]>) {
-        let owned = p.owned();
-        if self.first_line.len() != owned {
-            self.first_line = first_line_parents(&self.near, p);
-        }
-        self.normals.resize(p.len(), Vector::ZERO);
-        if let Some(first) = first {
-            let first_line = &self.first_line;
-            sweep(&mut self.normals[..owned], |a| first[first_line[a] as usize]);
-        }
-        domain.refresh_column(&mut self.normals);
-        self.answer.resize(p.len(), Vector::ZERO);
-        let gravity = self.medium.gravity;
-        sweep(&mut self.answer[..owned], |a| gravity - p.acceleration[a]);
-        domain.refresh_column(&mut self.answer);
-    }
-
-    /// Drag of wall particle `w` on fluid particle `a`, m/s² over `ν`: `2 f β (v_w − v_a)`, `β = 1 + d_w/d_a` from the distances
-    /// to the face of the wall: the velocity goes on linearly to that of the wall there (Morris, Fox & Zhu 1997).
-    fn drag(&self, p: &Particles<D>, a: usize, w: usize, x_aw: Vector<D>, f: f64) -> Vector<D> {
-        let dx = self.medium.spacing;
-        let behind = (f64::from(p.layer[w]) - 0.5) * dx;
-        // Nearer than half a spacing a particle is taken to be there: it would be dragged without bound.
-        let before = (x_aw.dot(self.normals[w]) - behind).max(0.5 * dx);
-        let beta = if self.normals[w] == Vector::ZERO { 1.0 } else { 1.0 + behind / before };
-        2.0 * f * beta * (p.v[w] - p.v[a])
-    }
-
-    /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997), and the dissipation between approaching
+    /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997), inside less what uneven neighbours make of a
+    /// linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
     /// particles, `2(D+2) ν f (v_ab·x_ab) x_ab/r²` with `ν = dissipation · h U/8` (Monaghan 1992).
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
         let mut total = Vector::ZERO;
-        let nu = self.medium.viscosity / self.medium.rest_density;
+        let nu = self.diffusivity();
         let numerical = 2.0 * (D as f64 + 2.0) * self.settings.dissipation * self.near.h(a) * speed / 8.0;
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
         if nu == 0.0 && numerical == 0.0 {
             return total;
         }
+        let (mut linear, uneven) = (Vector::ZERO, transform(&self.at[a].correction, self.at[a].slope));
         self.near.for_each_with(a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
                 let v_ab = p.v[a] - p.v[b];
                 total -= 2.0 * nu * f * v_ab;
+                linear += f * uneven.dot(x_ab) * v_ab;
                 let approach = v_ab.dot(x_ab);
                 if approach < 0.0 {
                     total -= (numerical * f * approach / x_ab.norm_squared()) * x_ab;
                 }
             } else if sticks && nu > 0.0 {
-                total += nu * self.drag(p, a, b, x_ab, f);
+                let drag = self.drag(p, a, b, x_ab, f);
+                total += nu * drag;
+                linear -= 0.5 * uneven.dot(known_along(x_ab, self.normals[b])) * drag;
             }
         });
-        total
+        let known = self.at[a].place == Place::Inside && (sticks || self.at[a].off_walls == Vector::ZERO);
+        if known { total - 2.0 * nu * linear } else { total }
     }
 
     /// `D u` at `a`, 1/s.
@@ -234,11 +219,19 @@ impl<const D: usize> Flow<D> {
         total
     }
 
+    /// `D u` at `a` with the corrected gradient, 1/s: zero for any linear field without divergence, however neighbours are strained.
+    fn corrected_divergence(&self, u: &[Vector<D>], a: usize) -> f64 {
+        let (mut total, u_a, correction) = (0.0, u[a], &self.at[a].correction);
+        self.near.for_each_with(a, &self.f, |b, x_ab, f| total -= f * (u[b] - u_a).dot(transform(correction, x_ab)));
+        total * self.lattice.slope_of_linear::<D>()
+    }
+
     /// What the projections are to remove of `D v` at `a`, 1/s. Where a free surface touches a wall, an expansion is held together with
     /// no more than gravity: a wall has no suction on what the air can reach, and a jet that passes its end must not be drawn around it.
     fn divergence_to_remove(&self, a: usize, dt: f64) -> f64 {
         let at = &self.at[a];
-        let mut divergence = self.divergence(&self.v, a);
+        let surrounded = at.place == Place::Inside && at.off_walls == Vector::ZERO;
+        let mut divergence = if surrounded { self.corrected_divergence(&self.v, a) } else { self.divergence(&self.v, a) };
         if at.place == Place::Surface && at.off_walls != Vector::ZERO {
             // Gravity, or what makes the same greatest speed where there is none.
             let pull = 0.25 * self.medium.speed * self.medium.speed / self.medium.depth;
@@ -285,6 +278,45 @@ impl<const D: usize> Flow<D> {
         });
     }
 
+    /// What uneven neighbours make of a linear pressure in the compact equation although its Laplacian is zero, `−2 ∇p·(Σ V∇W)`, with the
+    /// gradient of the step before, Pa/m²: on its right side it makes the equation exact for linear pressure. The part of the slope
+    /// that is the surface's doing stands in the row's pull.
+    fn unevenness(&self, a: usize) -> f64 {
+        if self.settings.free_surface == FreeSurface::None {
+            return 0.0;
+        }
+        let at = &self.at[a];
+        // Drops and surface rows: the slope is the surface's.
+        let slope = match at.place {
+            Place::Inside => at.slope,
+            Place::Near if at.inwards != Vector::ZERO => across(at.slope, at.inwards),
+            Place::Near | Place::Surface => return 0.0,
+        };
+        -2.0 * self.rise[a].dot(slope)
+    }
+
+    /// `∂_i v_j ∂_j v_i` inside and off walls, 1/s²: minus the rate at which the divergence of a velocity falls that moves with the fluid.
+    fn bending(&self, p: &Particles<D>, a: usize) -> f64 {
+        let at = &self.at[a];
+        if !p.is_fluid(a) || at.off_walls != Vector::ZERO {
+            return 0.0;
+        }
+        let mut gradient = [Vector::<D>::ZERO; D];
+        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+            let along = f * transform(&at.correction, x_ab);
+            for (row, v) in gradient.iter_mut().zip((p.v[a] - p.v[b]).0) {
+                *row += v * along;
+            }
+        });
+        let mut total = 0.0;
+        for i in 0..D {
+            for j in 0..D {
+                total += gradient[i][j] * gradient[j][i];
+            }
+        }
+        total * self.lattice.slope_of_linear::<D>()
+    }
+
     /// Solves the compact equation for the divergence of `self.v`; the result is in `self.solution`. `answered`: the wall rows of
     /// `self.v` hold what gravity and their acceleration made of them, and their pressure answers to it.
     fn solve(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64, answered: Answer) -> Result<SolveReport, StepError> {
@@ -304,14 +336,16 @@ impl<const D: usize> Flow<D> {
                     }
                 });
             }
-            walls - rest / dt * self.divergence_to_remove(a, dt)
+            let ahead = if self.bending.is_empty() { 0.0 } else { self.bending[a] };
+            let uneven = if answered == Answer::Full { self.unevenness(a) } else { 0.0 };
+            walls + uneven - rest / dt * (self.divergence_to_remove(a, dt) - 0.5 * dt * ahead)
         });
         self.source = source;
         let owned = p.owned();
         let whole_is_closed = !self.pull.iter().any(|&s| s > 0.0);
         self.closure.active = whole_is_closed || self.closure.parts;
         if self.closure.active {
-            self.closure.find(p, domain, &self.near, &self.pull, whole_is_closed);
+            self.closure.find(&self.parts, &self.pull);
             self.closure.level(&mut self.source);
         }
         let solved = self.solver.solve(&self.matrix, &self.source, &mut self.solution[..owned]);
@@ -322,7 +356,7 @@ impl<const D: usize> Flow<D> {
             Err(_) => {
                 self.pull.iter_mut().for_each(|s| *s = s.max(0.0));
                 self.fill_matrix(p, domain);
-                if !whole_is_closed && self.closure.find(p, domain, &self.near, &self.pull, false) {
+                if !whole_is_closed && self.closure.find(&self.parts, &self.pull) {
                     (self.closure.parts, self.closure.active) = (true, true);
                     self.closure.level(&mut self.source);
                 }
@@ -338,21 +372,19 @@ impl<const D: usize> Flow<D> {
     }
 
     /// `∇p` at `a`, Pa/m: corrected differences, to walls along their normal only (a wall says nothing of the gradient along it: a
-    /// drop that slides down feels its weight), and a repulsion `(p_a − p_min) Σ V ∇W` that keeps particles apart inside; near a
-    /// surface only along it, at the surface none.
+    /// drop that slides down feels its weight). Nothing pushes particles apart: positions are kept in order by moving them.
     fn pressure_gradient(&self, p: &Particles<D>, answered: Answer, a: usize) -> Vector<D> {
-        let (at, rest, pressure) = (&self.at[a], self.medium.rest_density, &self.solution);
-        let (mut differences, mut lowest) = (Vector::ZERO, pressure[a]);
+        let (rest, pressure) = (self.medium.rest_density, &self.solution);
+        let mut differences = Vector::ZERO;
         self.near.for_each_with(a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
-                lowest = lowest.min(pressure[b]);
                 differences -= f * (pressure[b] - pressure[a]) * x_ab;
             } else if answered == Answer::Full {
                 let along = known_along(x_ab, self.normals[b]);
                 differences += f * rest * self.answer[b].dot(along) * along;
             }
         });
-        transform(&at.correction, differences) + (pressure[a] - lowest) * at.repulsion()
+        transform(&self.at[a].correction, differences)
     }
 
     /// A few iterations of `−D G q = source` and then `G q`, in `q` and `self.gradient`.
@@ -473,7 +505,12 @@ impl<const D: usize> Flow<D> {
             return Vector::ZERO;
         }
         let h = self.near.h(a);
-        let strength = (self.settings.shifting * h * self.v[a].norm() * dt).min(0.5 * h * h);
+        // Without a surface the greatest speed of all: where flow stagnates, it strains the packing most.
+        let speed = match self.settings.free_surface {
+            FreeSurface::Tracked => self.v[a].norm(),
+            FreeSurface::None => self.fastest,
+        };
+        let strength = (self.settings.shifting * h * speed * dt).min(0.5 * h * h);
         let mut shift = -strength * at.crowding;
         if at.place == Place::Near {
             shift = across(shift, at.slope);
@@ -493,114 +530,6 @@ impl<const D: usize> Flow<D> {
             });
         }
         total
-    }
-
-    /// Fluid particle `a` moved by the step, but kept at least a fifth of a spacing off the face of a wall; there it loses its
-    /// velocity into the wall.
-    fn guarded(&self, p: &Particles<D>, a: usize, dt: f64) -> Guarded<D> {
-        let dx = self.medium.spacing;
-        let x = p.x[a] + dt * self.v[a] + self.shift[a];
-        let v = self.v[a] + self.convected(p, a);
-        let mut moved = Guarded { x, v, taken: Vector::ZERO, wall: u32::MAX };
-        if self.at[a].off_walls == Vector::ZERO {
-            return moved;
-        }
-        self.near.for_each_with(a, &self.f, |b, _, _| {
-            let normal = self.normals[b];
-            if p.layer[b] == 1 && normal != Vector::ZERO {
-                let off = moved.x - p.x[b] - dt * self.v[b];
-                let height = off.dot(normal);
-                if height < 0.7 * dx && height > -dx && (off - height * normal).norm() <= dx {
-                    moved.x += (0.7 * dx - height) * normal;
-                    let taken = (moved.v - self.v[b]).dot(normal).min(0.0) * normal;
-                    moved.v -= taken;
-                    moved.taken += taken;
-                    moved.wall = b as u32;
-                }
-            }
-        });
-        moved
-    }
-
-    /// Pressure of first-line wall particle `a`, Pa: `Σ (p_b + ρ (g − a_w)·(x_w − x_b)) f/Σ f` over fluid (after Adami, Hu & Adams
-    /// 2012), less where less than half the fluid of a flat wall is in reach.
-    fn wall_pressure(&self, p: &Particles<D>, a: usize) -> f64 {
-        let (mut weight, mut total, mut spread) = (0.0, 0.0, 0.0);
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-            if p.is_fluid(b) {
-                weight += f;
-                spread += f * x_ab.norm_squared();
-                total += f * (self.pressure[b] + self.medium.rest_density * self.answer[a].dot(x_ab));
-            }
-        });
-        let flat_wall = (1.0 - self.lattice.spread_row[0]) * self.lattice.spread;
-        if weight > 0.0 { total / weight * (spread / (0.5 * flat_wall)).min(1.0) } else { 0.0 }
-    }
-
-    /// Pressure of wall rows for output: the first line from the fluid, the others from the first one with the weight between.
-    fn wall_pressures(&mut self, p: &mut Particles<D>) {
-        let owned = p.owned();
-        let mut walls = std::mem::take(&mut self.solution);
-        sweep(&mut walls[..owned], |a| if p.kind[a] == Kind::Wall && p.layer[a] <= 1 { self.wall_pressure(p, a) } else { 0.0 });
-        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Wall) {
-            let first = self.first_line[a] as usize;
-            let below = self.medium.rest_density * self.answer[a].dot(p.x[a] - p.x[first]);
-            p.pressure[a] = if walls[first] == 0.0 { 0.0 } else { walls[first] + below };
-        }
-        self.solution = walls;
-    }
-
-    /// Force of the fluid on wall particle `a`, N, but for friction: pressure of each pair, `V f (p_b + p_w) x_wb`, the potential
-    /// of the clean-up, and what the guard took.
-    fn wall_force(&self, p: &Particles<D>, domain: &Domain<D>, dt: f64, a: usize) -> Vector<D> {
-        let rest = self.medium.rest_density;
-        // Exact for constant pressure on a lattice.
-        let scale = D as f64 / self.lattice.spread;
-        let mut total = Vector::ZERO;
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-            if p.is_fluid(b) {
-                let pressure = scale * (2.0 * self.pressure[b] + rest * self.answer[a].dot(x_ab)) + rest * self.with_ghosts[b] / dt;
-                total += p.mass[b] / rest * f * pressure * x_ab;
-                let owner = domain.parent(b, p.owned());
-                let moved = &self.moved[owner];
-                if moved.wall != u32::MAX && domain.parent(moved.wall as usize, p.owned()) == a {
-                    total += p.mass[b] / dt * moved.taken;
-                }
-            }
-        });
-        total
-    }
-
-    /// Forces on walls: friction is there already; adds the rest, and shares out what the momentum of the fluid says is missing.
-    fn wall_forces(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
-        let owned = p.owned();
-        // Potential of the clean-up, with ghosts.
-        if self.settings.velocity_iterations > 0 {
-            self.with_ghosts[..owned].copy_from_slice(&self.cleaning);
-            domain.refresh_column(&mut self.with_ghosts);
-        } else {
-            self.with_ghosts.clear();
-            self.with_ghosts.resize(p.len(), 0.0);
-        }
-        let mut force = std::mem::take(&mut p.force);
-        let this = &*self;
-        update(&mut force[..owned], |a, force| {
-            if p.kind[a] == Kind::Wall {
-                *force += this.wall_force(p, domain, dt, a);
-            }
-        });
-        for d in 0..D {
-            let on_walls = sum(owned, |a| force[a][d]);
-            let exerted = sum(owned, |a| force[a][d].abs());
-            let of_fluid = sum(owned, |a| if p.is_fluid(a) { p.mass[a] * (p.acceleration[a][d] - self.medium.gravity[d]) } else { 0.0 });
-            // The gradient is exact rather than conservative: the balance of momentum differs a little from the sum over pairs.
-            let missing = -of_fluid - on_walls;
-            if exerted > 0.0 {
-                let share = (missing / exerted).clamp(-1.0, 1.0);
-                update(&mut force[..owned], |_, force| force[d] += share * force[d].abs());
-            }
-        }
-        p.force = force;
     }
 }
 
@@ -674,16 +603,18 @@ impl<const D: usize> Flow<D> {
     /// A step, once the sums over neighbours are there.
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
         let owned = p.owned();
+        // Velocities stand half a step before positions.
+        let kick = 0.5 * (self.dt_before.unwrap_or(0.0) + dt);
 
         // (1) v* = v + Δt (g + viscosity), walls v + Δt (g − a)
-        phases.measure("prediction", || self.predict(p, dt));
+        phases.measure("prediction", || self.predict(p, kick));
 
         // (2) compact pressure equation, (3) v = v* − (Δt/ρ) ∇p; further passes take up what is left of the divergence
         phases.measure("assembly", || self.assemble(p, domain));
-        let report = phases.measure("pressure", || self.press(p, domain, dt))?;
+        let report = phases.measure("pressure", || self.press(p, domain, kick))?;
 
         // (4) clean the velocity by a few iterations of the exact projection
-        phases.measure("clean-up", || self.clean(p, domain, dt));
+        phases.measure("clean-up", || self.clean(p, domain, kick));
 
         // (5) even spacing, and the density kept by moving particles
         phases.measure("positions", || self.rearrange(p, domain, dt));
@@ -693,14 +624,16 @@ impl<const D: usize> Flow<D> {
             let mut moved = std::mem::take(&mut self.moved);
             moved.resize(owned, Guarded::default());
             sweep(&mut moved, |a| if p.is_fluid(a) { self.guarded(p, a, dt) } else { Guarded::default() });
+            let (medium, at) = ((self.medium.gravity, self.medium.spacing), &self.at);
+            self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, medium, (dt, kick), &mut moved);
             self.moved = moved;
             for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.acceleration[a] = (self.moved[a].v - p.v[a]) / dt;
+                p.acceleration[a] = (self.moved[a].v - p.v[a]) / kick;
                 p.v[a] = self.moved[a].v;
             }
             p.pressure.clone_from(&self.pressure);
             self.wall_pressures(p);
-            self.wall_forces(p, domain, dt);
+            self.wall_forces(p, domain, kick);
             for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
                 p.x[a] = self.moved[a].x;
             }
@@ -712,6 +645,7 @@ impl<const D: usize> Flow<D> {
     /// (1): the velocity without pressure, in `self.v`; friction of walls in `p.force`.
     fn predict(&mut self, p: &mut Particles<D>, dt: f64) {
         let (owned, speed) = (p.owned(), self.speed(p));
+        self.fastest = speed;
         let mut v = std::mem::take(&mut self.v);
         v.resize(p.len(), Vector::ZERO);
         let this = &*self;
@@ -720,7 +654,7 @@ impl<const D: usize> Flow<D> {
             Kind::Wall => p.v[a] + dt * this.answer[a],
             Kind::Lost => Vector::ZERO,
         });
-        let nu = self.medium.viscosity / self.medium.rest_density;
+        let nu = self.diffusivity();
         let sticks = nu > 0.0 && self.settings.wall_friction == WallFriction::NoSlip;
         let mut force = std::mem::take(&mut p.force);
         sweep(&mut force[..owned], |a| {
@@ -742,8 +676,15 @@ impl<const D: usize> Flow<D> {
     fn press(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) -> Result<StepReport, StepError> {
         let (owned, rest) = (p.owned(), self.medium.rest_density);
         self.solution.resize(p.len(), 0.0);
+        self.rise.resize(owned, Vector::ZERO);
         self.pressure.clear();
         self.pressure.resize(p.len(), 0.0);
+        if self.settings.free_surface == FreeSurface::None {
+            let mut bending = std::mem::take(&mut self.bending);
+            bending.resize(owned, 0.0);
+            sweep(&mut bending, |a| self.bending(p, a));
+            self.bending = bending;
+        }
         let (mut iterations, mut residual) = (0, 0.0f64);
         for pass in 0..self.settings.pressure_passes {
             let answered = if pass == 0 { Answer::Full } else { Answer::None };
@@ -758,6 +699,14 @@ impl<const D: usize> Flow<D> {
                 Kind::Wall => p.v[a],
                 Kind::Lost => Vector::ZERO,
             });
+            let mut rise = std::mem::take(&mut self.rise);
+            update(&mut rise, |a, rise| {
+                let before = if pass == 0 { Vector::ZERO } else { *rise };
+                if p.is_fluid(a) {
+                    *rise = before + (rest / dt) * (self.v[a] - next[a]);
+                }
+            });
+            self.rise = rise;
             self.v_next = std::mem::replace(&mut self.v, next);
             for (total, part) in self.pressure.iter_mut().zip(&self.solution) {
                 *total += part;

@@ -1,0 +1,156 @@
+//! Parts of the fluid that touch each other, and what each of them owes to mechanics while it touches no wall.
+
+use super::walls::Guarded;
+use crate::domain::Domain;
+use crate::math::{Matrix, Vector, inverse};
+use crate::neighbors::Neighbors;
+use crate::particles::{Kind, Particles};
+
+/// Part of rows that are no fluid.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// The parts of the fluid: two particles in reach of each other belong to the same one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Parts<const D: usize> {
+    /// Number of the part of each row, in the order of their first rows; [`NONE`] for all but fluid.
+    pub(super) of: Vec<u32>,
+    pub(super) count: usize,
+    bodies: Vec<Body<D>>,
+}
+
+/// Sums over a part.
+#[derive(Clone, Copy, Debug, Default)]
+struct Body<const D: usize> {
+    /// Whether walls are in reach.
+    held: bool,
+    /// Mass, kg, and centre, m, at the start of the step.
+    mass: f64,
+    centre: Vector<D>,
+    /// Momentum as it must be and as it is, kg m/s.
+    owed: Vector<D>,
+    found: Vector<D>,
+    /// `Σ m (x − x_before)`, kg m.
+    moved: Vector<D>,
+    /// Angular momentum that is missing, kg m²/s, a plane of axes each, and the inertia of turning in these planes, kg m².
+    missing: Vector<3>,
+    inertia: Matrix<3>,
+}
+
+/// Planes of axes in which something turns: the first one in two dimensions, three in three.
+const PLANES: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
+/// Velocity at `x` of turning once a second and radian in plane `k`; nothing for planes that the dimension has not.
+fn turning<const D: usize>(k: usize, x: Vector<D>) -> Vector<D> {
+    let (i, j) = PLANES[k];
+    if j < D { x[i] * Vector::unit(j) - x[j] * Vector::unit(i) } else { Vector::ZERO }
+}
+
+impl<const D: usize> Parts<D> {
+    /// Finds the parts.
+    pub(super) fn find(&mut self, p: &Particles<D>, domain: &Domain<D>, near: &Neighbors<D>) {
+        let owned = p.owned();
+        self.of.clear();
+        self.of.extend(0..owned as u32);
+        fn first(of: &mut [u32], mut a: u32) -> u32 {
+            while of[a as usize] != a {
+                of[a as usize] = of[of[a as usize] as usize];
+                a = of[a as usize];
+            }
+            a
+        }
+        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
+            for &b in near.of(a) {
+                let b = domain.parent(b as usize, owned);
+                if b < a && p.is_fluid(b) {
+                    let (one, other) = (first(&mut self.of, a as u32), first(&mut self.of, b as u32));
+                    self.of[one.max(other) as usize] = one.min(other);
+                }
+            }
+        }
+        for a in 0..owned as u32 {
+            self.of[a as usize] = first(&mut self.of, a);
+        }
+        self.count = 0;
+        for a in 0..owned {
+            let first = self.of[a] as usize;
+            self.of[a] = match p.kind[a] {
+                Kind::Fluid if first == a => {
+                    self.count += 1;
+                    self.count as u32 - 1
+                }
+                Kind::Fluid => self.of[first],
+                Kind::Wall | Kind::Lost => NONE,
+            };
+        }
+    }
+
+    /// Gives each part without walls in reach (`held` tells who has one) the momentum, the path of its centre and, without periodic axes,
+    /// the angular momentum that it has by mechanics: a rigid motion of the part is added, which changes no distance and no divergence.
+    /// `moved` is the state after a step of `dt` with velocities pushed over `kick`, `p` that before it.
+    pub(super) fn keep_momentum(
+        &mut self,
+        p: &Particles<D>,
+        domain: &Domain<D>,
+        held: impl Fn(usize) -> bool,
+        (gravity, spacing): (Vector<D>, f64),
+        (dt, kick): (f64, f64),
+        moved: &mut [Guarded<D>],
+    ) {
+        self.bodies.clear();
+        self.bodies.resize(self.count, Body::default());
+        let (bodies, of) = (&mut self.bodies, &self.of);
+        for (a, moved) in moved.iter().enumerate() {
+            if let Some(body) = bodies.get_mut(of[a] as usize) {
+                body.held |= held(a);
+                body.mass += p.mass[a];
+                body.centre += p.mass[a] * p.x[a];
+                body.owed += p.mass[a] * (p.v[a] + kick * gravity);
+                body.found += p.mass[a] * moved.v;
+                body.moved += p.mass[a] * (moved.x - p.x[a]);
+            }
+        }
+        if bodies.iter().all(|body| body.held) {
+            return;
+        }
+        for body in &mut *bodies {
+            body.centre = body.centre / body.mass;
+        }
+        for (a, moved) in moved.iter_mut().enumerate() {
+            if let Some(body) = bodies.get_mut(of[a] as usize).filter(|body| !body.held) {
+                moved.v += (body.owed - body.found) / body.mass;
+                moved.x += (dt * body.owed - body.moved) / body.mass;
+                let (before, after) = (p.x[a] - body.centre, moved.x - body.centre);
+                let arm = after - (dt / body.mass) * body.owed;
+                for k in 0..3 {
+                    let (owed, found) = (turning(k, before).dot(p.v[a] + kick * gravity), turning(k, after).dot(moved.v));
+                    body.missing[k] += p.mass[a] * (owed - found);
+                    for l in 0..3 {
+                        body.inertia[k][l] += p.mass[a] * turning(k, arm).dot(turning(l, arm));
+                    }
+                }
+            }
+        }
+        if domain.periodic.contains(&true) {
+            return;
+        }
+        for body in &mut *bodies {
+            // Planes that are not there turn nothing.
+            let size = body.inertia[0][0];
+            for k in (D * D - D) / 2..3 {
+                body.inertia[k][k] = size;
+            }
+            // A line of particles does not resist turning about itself, and one alone not at all: what it has is rounding.
+            let turns = size > 1e-6 * body.mass * spacing * spacing;
+            body.missing =
+                inverse(&body.inertia).filter(|_| turns).map_or(Vector::ZERO, |inverse| crate::math::transform(&inverse, body.missing));
+        }
+        for (a, moved) in moved.iter_mut().enumerate() {
+            if let Some(body) = bodies.get(of[a] as usize).filter(|body| !body.held) {
+                let arm = moved.x - body.centre - (dt / body.mass) * body.owed;
+                for k in 0..3 {
+                    moved.v += body.missing[k] * turning(k, arm);
+                }
+            }
+        }
+    }
+}
