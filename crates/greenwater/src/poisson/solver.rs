@@ -94,7 +94,8 @@ impl LinearSolver {
         let SolverSettings { tolerance, max_iterations, method, .. } = self.settings;
         let max_iterations = if method == SolverMethod::Gauss { max_iterations.min(REFINEMENTS) } else { max_iterations };
 
-        let mut first = 0.0;
+        // Residual and iterations when the preconditioner in use took over.
+        let (mut from, mut before) = (f64::NAN, 0);
         loop {
             a.residual(x, b, &mut self.vectors.r);
             let last = report.residual;
@@ -104,7 +105,7 @@ impl LinearSolver {
                 return Err(not_finite(method, a, b, x, b_norm, &report, last));
             }
             if report.residual <= tolerance {
-                self.look_after(report.iterations, first / report.residual);
+                self.look_after(report.iterations - before, from / report.residual);
                 report.seconds = started.elapsed().as_secs_f64();
                 return Ok(report);
             }
@@ -112,8 +113,10 @@ impl LinearSolver {
                 let SolveReport { iterations, residual, .. } = report;
                 return Err(SolveError::NotConverged { iterations, residual, tolerance });
             }
+            if from.is_nan() {
+                (from, before) = (report.residual, report.iterations);
+            }
             if report.iterations == 0 {
-                first = report.residual;
                 let setup = Instant::now();
                 report.diagonal_shift = self.prepare(a)?;
                 report.setup_seconds = setup.elapsed().as_secs_f64();
@@ -125,9 +128,13 @@ impl LinearSolver {
                     report.iterations += iterations;
                     if iterations == budget && budget < left {
                         self.rebuild(a)?;
+                        from = f64::NAN;
                     }
                 }
-                Err(_) if self.kept.is_some_and(|kept| kept.solves > 0) => self.rebuild(a)?,
+                Err(_) if self.kept.is_some_and(|kept| kept.solves > 0) => {
+                    self.rebuild(a)?;
+                    from = f64::NAN;
+                }
                 Err(Stuck { reason, cure }) => {
                     let SolveReport { iterations, residual, .. } = report;
                     return Err(SolveError::Breakdown { method: name(method), iterations, residual, reason, cure });
