@@ -39,7 +39,9 @@ pub fn cases(args: &CasesArgs) -> Result<(), CliError> {
 pub fn methods(args: &ListArgs) -> Result<(), CliError> {
     let text = |method: &MethodName| {
         let (kernel, ratio) = method.kernel();
-        format!("{}; kernel {}, h = {ratio} spacings", method.text(), kernel.name())
+        let kernel =
+            if method.takes_kernel() { format!("kernel {}, h = {ratio} spacings", kernel.name()) } else { "a weight of its own".into() };
+        format!("{}; {kernel}", method.text())
     };
     list("methods", MethodName::ALL.iter().map(|method| (method.name(), text(method))).collect(), args.json)
 }

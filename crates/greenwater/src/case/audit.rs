@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::setup::Setup;
+use crate::kernel::KernelName;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
 
@@ -21,6 +22,19 @@ pub struct Audit {
     pub warnings: Vec<String>,
 }
 
+/// Share of the kernel's sum over the lattice that a particle half a spacing from a flat wall misses behind `layers` lines.
+fn missing_behind_walls<const D: usize>(kernel: KernelName, h: f64, dx: f64, layers: u8) -> f64 {
+    let reach = (kernel.radius() * h / dx).ceil() as i64;
+    let (mut all, mut missing) = (0.0, 0.0);
+    // In 3D rows across are an integral of the same form: the plane is enough to tell how much is missing.
+    for (x, y) in (-reach..=reach).flat_map(|x| (-reach..=reach).map(move |y| (x, y))) {
+        let w = kernel.w::<D>(((x * x + y * y) as f64).sqrt() * dx, h);
+        all += w;
+        missing += if y > i64::from(layers) { w } else { 0.0 };
+    }
+    missing / all
+}
+
 /// How far the audit looks, in spacings.
 const REACH: f64 = 4.0;
 
@@ -32,12 +46,14 @@ impl<const D: usize> Setup<D> {
         let fluid_mass: f64 = (0..p.owned()).filter(|&a| p.is_fluid(a)).map(|a| p.mass[a]).sum();
         let mut warnings = Vec::new();
         let layers = (0..p.owned()).map(|a| p.layer[a]).max().unwrap_or(0);
-        let (depth, support) = (f64::from(layers) * dx, self.kernel.radius() * self.smoothing_length);
+        let missing = missing_behind_walls::<D>(self.kernel, self.smoothing_length, dx, layers);
         if layers == 0 {
             warnings.push("there are no walls: the fluid falls freely".to_owned());
-        } else if depth < support {
+        } else if missing > 0.01 {
             warnings.push(format!(
-                "walls are {depth:.4} m deep, but the kernel reaches {support:.4} m: fluid at a wall misses neighbours; more `walls.layers` help"
+                "the kernel reaches beyond the {layers} lines of the walls, where fluid at a wall misses {:.1} % of its neighbours' weight; \
+                 more `walls.layers` help",
+                100.0 * missing
             ));
         }
         if closest < 0.5 * dx {
