@@ -51,7 +51,7 @@ impl<const D: usize> Setup<D> {
             warnings.push("there are no walls: the fluid falls freely".to_owned());
         } else if missing > 0.01 {
             warnings.push(format!(
-                "the kernel reaches beyond the {layers} lines of the walls, where fluid at a wall misses {:.1} % of its neighbours' weight; \
+                "the kernel reaches beyond the {layers} line(s) of the walls, where fluid at a wall misses {:.1} % of its neighbours' weight; \
                  more `walls.layers` help",
                 100.0 * missing
             ));

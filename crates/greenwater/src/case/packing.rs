@@ -5,10 +5,14 @@ use crate::kernel::{Kernel, WendlandC2};
 use crate::math::Vector;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particle, Particles};
-use crate::sweep::{largest, sweep};
+use crate::sweep::sweep;
 
-/// Sweeps at most. Rows along the boundary are in place after some fifty; the rest evens out the inside.
-const SWEEPS: usize = 400;
+/// Rounds of [`SWEEPS`] at most. Rows along the boundary are in place after some ten; the rest evens out the inside.
+const ROUNDS: usize = 80;
+/// Sweeps with the same lists, which reach [`SKIN`] smoothing lengths farther than the kernel: two particles come nearer by less.
+const SWEEPS: usize = 5;
+/// See [`SWEEPS`]: twice their number of longest moves is a spacing, and few are long.
+const SKIN: f64 = 0.5;
 /// A move that no longer counts, in spacings.
 const STILL: f64 = 1e-3;
 /// Moves at most a tenth of a spacing: no two particles change places.
@@ -36,42 +40,70 @@ pub(super) fn pack<const D: usize>(region: &Region<D>, x: &mut [Vector<D>], spac
     let (h, support) = (H * spacing, Kernel::<D>::radius(WendlandC2));
     let (volume, outside) = around(region, support * h, 0.5 * spacing);
     let own = volume / x.len() as f64;
-    let mut p = Particles::new();
-    for (id, &x) in x.iter().enumerate() {
-        let particle = Particle { kind: Kind::Fluid, layer: 0, x, v: Vector::ZERO, mass: own, density: 1.0, pressure: 0.0, h };
-        p.push(id as u32, particle);
+    let mut near = Neighbors::new();
+    // Those that may move: all at first, then those that moved and who is near them.
+    let mut active: Vec<u32> = (0..x.len() as u32).collect();
+    for _ in 0..ROUNDS {
+        let (mut p, names) = rows(x, &active, &outside, own, h);
+        // Every position is finite: moves are bounded.
+        if near.build(&p, support + SKIN, Search::Grid).is_err() {
+            break;
+        }
+        let mut moves = vec![Vector::ZERO; active.len()];
+        for _ in 0..SWEEPS {
+            sweep(&mut moves, |a| {
+                let mut slope = Vector::ZERO;
+                near.for_each(a, |pair| slope += p.mass[pair.b] * Kernel::<D>::dw_over_r(WendlandC2, pair.r, h) * pair.x_ab);
+                let by = -RATE * h * h * slope;
+                let by = (LONGEST * spacing / by.norm().max(LONGEST * spacing)) * by;
+                // Nothing leaves the region.
+                if region.depth(p.x[a] + by) > 0.0 { by } else { Vector::ZERO }
+            });
+            p.x.iter_mut().zip(&moves).for_each(|(x, &by)| *x += by);
+            near.follow(&p);
+        }
+        for (&name, &at) in active.iter().zip(&p.x) {
+            x[name as usize] = at;
+        }
+        let moved = (0..active.len()).filter(|&a| moves[a].norm() > STILL * spacing);
+        let mut next: Vec<u32> = moved.flat_map(|a| near.of(a).iter().copied().chain([a as u32]).map(|b| names[b as usize])).collect();
+        next.retain(|&name| name != OUTSIDE);
+        next.sort_unstable();
+        next.dedup();
+        active = next;
+        if active.is_empty() {
+            break;
+        }
     }
-    // Points of the outside are rows without lists of their own.
-    for (at, volume) in outside {
-        p.push_ghost(0, at - p.x[0]);
+    own
+}
+
+/// Row of a point outside.
+const OUTSIDE: u32 = u32::MAX;
+
+/// The active particles, and as rows without lists of their own the other ones and the points outside; and which particle a row is.
+fn rows<const D: usize>(x: &[Vector<D>], active: &[u32], outside: &[(Vector<D>, f64)], own: f64, h: f64) -> (Particles<D>, Vec<u32>) {
+    let mut p = Particles::new();
+    let mut names = active.to_vec();
+    let mut still = vec![true; x.len()];
+    for (&name, id) in active.iter().zip(0..) {
+        still[name as usize] = false;
+        let x = x[name as usize];
+        p.push(id, Particle { kind: Kind::Fluid, layer: 0, x, v: Vector::ZERO, mass: own, density: 1.0, pressure: 0.0, h });
+    }
+    let first = p.x[0];
+    for (name, &at) in x.iter().enumerate().filter(|&(name, _)| still[name]) {
+        p.push_ghost(0, at - first);
+        names.push(name as u32);
+    }
+    for &(at, volume) in outside {
+        p.push_ghost(0, at - first);
+        names.push(OUTSIDE);
         if let Some(mass) = p.mass.last_mut() {
             *mass = volume;
         }
     }
-    let owned = p.owned();
-    let (mut near, mut moves) = (Neighbors::new(), vec![Vector::ZERO; owned]);
-    for _ in 0..SWEEPS {
-        // Every position is finite: moves are bounded.
-        if near.build(&p, support, Search::Grid).is_err() {
-            break;
-        }
-        sweep(&mut moves, |a| {
-            let mut slope = Vector::ZERO;
-            near.for_each(a, |pair| slope += p.mass[pair.b] * Kernel::<D>::dw_over_r(WendlandC2, pair.r, h) * pair.x_ab);
-            let by = -RATE * h * h * slope;
-            let by = (LONGEST * spacing / by.norm().max(LONGEST * spacing)) * by;
-            // Nothing leaves the region.
-            if region.depth(p.x[a] + by) > 0.0 { by } else { Vector::ZERO }
-        });
-        for (x, &by) in p.x.iter_mut().zip(&moves) {
-            *x += by;
-        }
-        if largest(owned, |a| moves[a].norm()) < STILL * spacing {
-            break;
-        }
-    }
-    x.copy_from_slice(&p.x[..owned]);
-    own
+    (p, names)
 }
 
 /// Volume of a region, and points with volumes that stand for its outside within `reach` of its boundary. Cells of `side` that the
