@@ -264,7 +264,10 @@ impl<const D: usize> Setup<D> {
             courant: s.time.courant,
             speed,
         };
-        let probes = instruments::sensors(s, &bounds, &particles, &medium, source)?;
+        let mut probes = instruments::sensors(s, &bounds, &particles, &medium, source)?;
+        if !method.walls_pull() {
+            probes = probes.into_iter().map(Sensor::without_suction).collect();
+        }
         let gauges = instruments::gauges(s, &bounds, dx, source)?;
         let loads = instruments::loads(s, source)?;
         let compare = compare_plan(s, source)?;

@@ -31,6 +31,8 @@ pub struct Sensor<const D: usize> {
     pub size: f64,
     /// Where the pressure is evaluated, m: every half spacing over the sensor, at least its middle.
     points: Vec<Vector<D>>,
+    /// The least pressure that reaches it, Pa.
+    least: f64,
 }
 
 impl<const D: usize> Sensor<D> {
@@ -45,7 +47,12 @@ impl<const D: usize> Sensor<D> {
         } else {
             vec![position]
         };
-        Self { name, position, size, points }
+        Self { name, position, size, points, least: f64::NEG_INFINITY }
+    }
+
+    /// The same sensor on a wall that cannot hold fluid back: it feels no pressure below zero, as the loads on that wall do not.
+    pub fn without_suction(self) -> Self {
+        Self { least: 0.0, ..self }
     }
 
     /// Mean pressure over the sensor, Pa. At each of its points `y`:
@@ -59,7 +66,7 @@ impl<const D: usize> Sensor<D> {
         let around = reach + 0.5 * self.size;
         let near: Vec<usize> =
             (0..p.owned()).filter(|&a| p.is_fluid(a) && (p.x[a] - self.position).norm_squared() < around * around).collect();
-        let sum: f64 = self.points.iter().map(|&y| pressure_at(p, medium, &near, y, reach)).sum();
+        let sum: f64 = self.points.iter().map(|&y| pressure_at(p, medium, &near, y, (reach, self.least))).sum();
         sum / self.points.len() as f64
     }
 }
@@ -97,7 +104,7 @@ fn across<const D: usize>(normal: Vector<D>) -> (Vector<D>, Vector<D>) {
     (first, second)
 }
 
-fn pressure_at<const D: usize>(p: &Particles<D>, medium: &Medium<D>, near: &[usize], y: Vector<D>, reach: f64) -> f64 {
+fn pressure_at<const D: usize>(p: &Particles<D>, medium: &Medium<D>, near: &[usize], y: Vector<D>, (reach, least): (f64, f64)) -> f64 {
     let order = D + 1;
     let mut matrix = [[0.0; 5]; 4];
     let (mut count, mut weight, mut total) = (0, 0.0, 0.0);
@@ -107,7 +114,7 @@ fn pressure_at<const D: usize>(p: &Particles<D>, medium: &Medium<D>, near: &[usi
             continue;
         }
         let w = share(p, medium, a, away);
-        let value = p.pressure[a] - medium.rest_density * medium.gravity.dot(away);
+        let value = p.pressure[a].max(least) - medium.rest_density * medium.gravity.dot(away);
         count += 1;
         weight += w;
         total += w * value;
@@ -128,7 +135,7 @@ fn pressure_at<const D: usize>(p: &Particles<D>, medium: &Medium<D>, near: &[usi
     }
     let plane = if count >= 2 * order { super::solve_small(&mut matrix, order) } else { None };
     let wet = (weight / 0.25).min(1.0);
-    wet * plane.map_or(total / weight, |plane| plane[0])
+    (wet * plane.map_or(total / weight, |plane| plane[0])).max(least)
 }
 
 /// A line that tells how high the water stands on it, or how much passes through it.
@@ -441,6 +448,16 @@ mod tests {
         let at = |y: f64| Sensor::new("p".into(), Vector([1.0, y]), 0.0, Vector::ZERO, DX).pressure(&p, &medium());
         assert_eq!(at(1.3), 0.0);
         assert!(at(1.05).abs() < 300.0, "above the surface by a spacing: {}", at(1.05));
+    }
+
+    #[test]
+    fn a_sensor_on_a_wall_that_cannot_pull_feels_no_tension() {
+        let mut p = tank::<2>();
+        p.pressure.iter_mut().for_each(|pressure| *pressure = -2e3);
+        let medium = Medium { gravity: Vector::ZERO, ..medium() };
+        let sensor = Sensor::new("p".into(), Vector([1.0, 0.3]), 0.0, Vector::ZERO, DX);
+        assert!((sensor.pressure(&p, &medium) + 2e3).abs() < 1e-9 * 2e3);
+        assert_eq!(sensor.without_suction().pressure(&p, &medium), 0.0);
     }
 
     #[test]

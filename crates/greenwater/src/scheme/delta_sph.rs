@@ -204,6 +204,10 @@ impl Settings for DeltaSphSettings {
         self.sound_factor * self.reference_speed.unwrap_or((2.0 * (g * depth).sqrt()).max(fastest))
     }
 
+    fn walls_pull(&self) -> bool {
+        self.wall_suction == WallSuction::Full
+    }
+
     fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
         let sound = self.sound_speed(medium.g(), medium.depth, 0.0);
         match self.pressure_law {

@@ -167,6 +167,11 @@ impl MethodSettings {
         with_settings!(self, s => s.sound_speed(g, depth, fastest))
     }
 
+    /// Whether walls can hold fluid back; if not, no pressure below zero reaches them.
+    pub fn walls_pull(&self) -> bool {
+        with_settings!(self, s => s.walls_pull())
+    }
+
     /// The elastic energy that the equation of state stores.
     pub fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
         with_settings!(self, s => s.elasticity(medium))

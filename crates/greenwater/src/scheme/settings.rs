@@ -111,6 +111,11 @@ pub(super) trait Settings: Serialize + DeserializeOwned + JsonSchema {
         0.0
     }
 
+    /// Whether walls can hold fluid back; if not, no pressure below zero reaches them.
+    fn walls_pull(&self) -> bool {
+        true
+    }
+
     /// The elastic energy that the equation of state stores.
     fn elasticity<const D: usize>(&self, _medium: &Medium<D>) -> Elasticity {
         Elasticity::None

@@ -95,6 +95,10 @@ impl<T: Relative> Settings for T {
         self.shared().sound_speed(g, depth, fastest)
     }
 
+    fn walls_pull(&self) -> bool {
+        self.shared().walls_pull()
+    }
+
     fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
         self.shared().elasticity(medium)
     }
