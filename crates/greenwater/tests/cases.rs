@@ -151,7 +151,7 @@ fn the_resolved_case_has_every_default() {
     let resolved = good().resolved;
     for key in [
         "density = 1000.0",
-        "h_over_spacing = 2.0",
+        "h_over_spacing = 1.5",
         "courant = 0.25",
         "acceleration = [",
         "memory_gib",
@@ -173,7 +173,7 @@ fn fluid_comes_first_in_order_of_position_then_walls() {
         assert!(p.x[range].windows(2).all(|pair| pair[0].0 < pair[1].0), "x first, then y");
     }
     assert_eq!((p.x[0], p.layer[0], p.v[0]), (Vector([0.05, 0.05]), 0, Vector::ZERO));
-    assert_eq!((p.mass[0], p.density[0], p.h[0]), (1000.0 * (0.1 * 0.1), 1000.0, 2.0 * 0.1));
+    assert_eq!((p.mass[0], p.density[0], p.h[0]), (1000.0 * (0.1 * 0.1), 1000.0, 1.5 * 0.1));
     assert_eq!(p.count(Kind::Wall), 2 * (20 + 2 * 15) + 2 * 4);
 }
 

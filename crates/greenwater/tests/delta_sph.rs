@@ -31,7 +31,7 @@ fn pool<const D: usize>(cells: [i64; D]) -> (Particles<D>, Domain<D>, Medium<D>)
         let kind = if body.fluid() { Kind::Fluid } else { Kind::Wall };
         let mass = (0..D).fold(1000.0, |mass, _| mass * SPACING);
         let x = Vector(cell.map(|c| (c + 0.5) * SPACING));
-        p.push(id as u32, Particle { kind, layer: body.layer, x, v: Vector::ZERO, mass, density: 1000.0, pressure: 0.0, h: 2.0 * SPACING });
+        p.push(id as u32, Particle { kind, layer: body.layer, x, v: Vector::ZERO, mass, density: 1000.0, pressure: 0.0, h: 1.5 * SPACING });
     }
     let medium = Medium { depth: cells[D - 1] as f64 * SPACING, floor: 0.0, ..medium(1e-3) };
     (p, Domain::new(Vector::splat(-1.0), Vector::splat(5.0), [false; D]), medium)
@@ -71,8 +71,7 @@ fn a_free_body_keeps_its_momentum_to_round_off() {
 }
 
 /// What the fluid loses of its weight and its momentum is what the walls get: the force on wall particles is every force on them.
-/// 1e-11 of the weight: round-off of all pair forces. The pool is thrown about and swings up again: a hundredth of the weight is enough to
-/// show that the walls feel it.
+/// 1e-11 of the weight: round-off of all pair forces.
 #[test]
 fn walls_get_all_the_momentum_that_the_fluid_loses() {
     let (mut p, domain, medium) = pool([10, 8]);
@@ -92,7 +91,7 @@ fn walls_get_all_the_momentum_that_the_fluid_loses() {
         let mass: f64 = (0..p.owned()).filter(|&a| p.is_fluid(a)).map(|a| p.mass[a]).sum();
         let on_walls = (0..p.owned()).fold(Vector::ZERO, |sum, a| sum + p.force[a]);
         let missing = mass * medium.gravity - (momentum(p) - before) / dt - on_walls;
-        assert!(on_walls.norm() > 0.01 * mass * medium.g(), "walls carry fluid: {on_walls:?}");
+        assert!(on_walls.norm() > 0.1 * mass * medium.g(), "walls carry fluid: {on_walls:?}");
         assert!(missing.norm() < 1e-11 * mass * medium.g(), "{missing:?}");
         assert!((0..p.owned()).all(|a| !p.is_fluid(a) || p.force[a] == Vector::ZERO));
     }
@@ -134,17 +133,17 @@ fn still_water<const D: usize>(cells: [i64; D], settings: &DeltaSphSettings, tim
     ((error / whole).sqrt(), speed / (medium.g() * medium.depth).sqrt())
 }
 
-/// Twelve particles deep. The pressure of the surface row is that of a place 0.43 spacings deeper, which alone is 1.8 % of this
-/// depth, 3.3 % of the eight particles in 3D; twice that is allowed. The surface row settles at some thousandths of √(gH). A wall that
-/// carried no weight would leave tens of per cent. In 3D the time is too short for the first swing to die.
+/// Twelve particles deep. The pressure of the surface row is that of a place 0.16 spacings deeper, which alone is 0.7 % of this
+/// depth; twice that is allowed. The square lattice rearranges at some thousandths of √(gH). A wall that carried no weight
+/// would leave tens of per cent. In 3D the pool is eight deep and the time too short for the first swing to die.
 #[test]
 fn still_water_stays_still_at_its_hydrostatic_pressure() {
     for wall_pressure in [WallPressure::Adami, WallPressure::GhostNodes] {
         let (error, speed) = still_water([16, 12], &DeltaSphSettings { wall_pressure, ..water() }, 0.5);
-        assert!(error < 0.036 && speed < 0.01, "{wall_pressure:?}: pressure {error:.4}, speed {speed:.4}");
+        assert!(error < 0.015 && speed < 0.01, "{wall_pressure:?}: pressure {error:.4}, speed {speed:.4}");
     }
     let (error, speed) = still_water([6, 6, 8], &water(), 0.1);
-    assert!(error < 0.066 && speed < 0.03, "3D: pressure {error:.4}, speed {speed:.4}");
+    assert!(error < 0.03 && speed < 0.03, "3D: pressure {error:.4}, speed {speed:.4}");
 }
 
 /// Velocities of a vortex in a periodic box after `time` seconds.
@@ -158,7 +157,7 @@ fn vortex(stepping: Stepping, time: f64) -> Vec<Vector<2>> {
         let v = Vector([-(k * x[0]).cos() * (k * x[1]).sin(), (k * x[0]).sin() * (k * x[1]).cos()]);
         p.push(
             i as u32,
-            Particle { kind: Kind::Fluid, layer: 0, x, v, mass: 1000.0 * dx * dx, density: 1000.0, pressure: 0.0, h: 2.0 * dx },
+            Particle { kind: Kind::Fluid, layer: 0, x, v, mass: 1000.0 * dx * dx, density: 1000.0, pressure: 0.0, h: 1.5 * dx },
         );
     }
     let medium = Medium { gravity: Vector::ZERO, spacing: dx, depth: 1.0, floor: 0.0, ..medium(10.0) };

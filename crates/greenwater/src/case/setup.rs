@@ -266,7 +266,12 @@ impl<const D: usize> Setup<D> {
         };
         let mut probes = instruments::sensors(s, &bounds, &particles, &medium, source)?;
         if !method.walls_pull() {
-            probes = probes.into_iter().map(Sensor::without_suction).collect();
+            // Those in the midst of the fluid feel what there is.
+            let on_wall = |sensor: &Sensor<D>| {
+                let near = |a: usize| (particles.x[a] - sensor.position).norm() < 1.5 * dx;
+                (0..particles.owned()).any(|a| particles.kind[a] == Kind::Wall && near(a))
+            };
+            probes = probes.into_iter().map(|sensor| if on_wall(&sensor) { sensor.without_suction() } else { sensor }).collect();
         }
         let gauges = instruments::gauges(s, &bounds, dx, source)?;
         let loads = instruments::loads(s, source)?;
