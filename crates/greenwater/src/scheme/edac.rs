@@ -48,7 +48,8 @@ pub struct EdacSettings {
     pub wall_slip: WallSlip,
     /// Whether walls can pull.
     pub wall_suction: WallSuction,
-    /// Pressure at the start; left out: `given` for particles from a file, else `released`.
+    /// Pressure at the start; left out: `given` for particles from a file, `written` where the case gives a
+    /// pressure, else `released`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_pressure: Option<StartPressure>,
     /// How sound is stepped.

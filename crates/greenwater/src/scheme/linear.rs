@@ -46,7 +46,8 @@ pub struct RkpmSettings {
     pub wall_slip: WallSlip,
     /// Whether walls can pull.
     pub wall_suction: WallSuction,
-    /// Pressure at the start; left out: `given` for particles from a file, else `released`.
+    /// Pressure at the start; left out: `given` for particles from a file, `written` where the case gives a
+    /// pressure, else `released`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_pressure: Option<StartPressure>,
     /// How sound is stepped.
@@ -137,11 +138,7 @@ impl Relative for RkpmSettings {
     }
 
     fn own_departures(&self) -> Vec<String> {
-        vec![
-            "particles are collocation points, forces symmetrised after Frontiere, Raskin & Owen (2017) in place of a Galerkin form"
-                .to_owned(),
-            "particles are shifted, density diffuses".to_owned(),
-        ]
+        departures()
     }
 }
 
@@ -176,7 +173,8 @@ pub struct MlsphSettings {
     pub wall_slip: WallSlip,
     /// Whether walls can pull.
     pub wall_suction: WallSuction,
-    /// Pressure at the start; left out: `given` for particles from a file, else `released`.
+    /// Pressure at the start; left out: `given` for particles from a file, `written` where the case gives a
+    /// pressure, else `released`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_pressure: Option<StartPressure>,
     /// How sound is stepped.
@@ -267,13 +265,21 @@ impl Relative for MlsphSettings {
     }
 
     fn own_departures(&self) -> Vec<String> {
-        vec!["forces symmetrised after Frontiere, Raskin & Owen (2017)".to_owned(), "particles are shifted, density diffuses".to_owned()]
+        departures()
     }
 }
 
 /// Damping, in words.
 fn dissipation(delta: f64, alpha: f64) -> [String; 2] {
     [format!("linear kernels, diffusion delta = {delta}"), format!("artificial, alpha = {alpha}")]
+}
+
+/// What differs from the sources of both.
+fn departures() -> Vec<String> {
+    vec![
+        "particles are the quadrature points of Galerkin's form, which makes forces equal and opposite in a pair".to_owned(),
+        "particles are shifted, density diffuses".to_owned(),
+    ]
 }
 
 /// The pair terms with kernels that reproduce linear fields:
