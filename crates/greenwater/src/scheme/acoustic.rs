@@ -18,7 +18,7 @@ use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new
 use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
-use crate::physics::shifting::{pair_weight, shift, volume_pull};
+use crate::physics::shifting::{pair_weight, shift, strain_speed, volume_pull};
 use crate::physics::state::EquationOfState;
 use crate::physics::viscosity::{Tensor, contract};
 use crate::sweep::{largest, sweep, sweep2};
@@ -184,10 +184,12 @@ struct Shift<const D: usize> {
     /// Rate of density that draws dilated fluid together, kg/(m³ s).
     pull: f64,
     place: Place,
+    /// A wall is in reach.
+    at_wall: bool,
 }
 
 impl<const D: usize> Shift<D> {
-    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Inside };
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Inside, at_wall: false };
 }
 
 /// Pairs reach so much farther than the kernel, in smoothing lengths: a list lasts for one step. In a step of `0.25 h/U` the
@@ -328,23 +330,22 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         domain.refresh_column(&mut self.correction);
     }
 
-    /// Finds who is near the free surface, and shifts particles over a step `dt`: not those of the surface, those near it along
-    /// it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
+    /// Finds who is near the free surface and near walls, and shifts particles over a step `dt`: not those of the surface, those near
+    /// it along it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
     fn shift(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (near, kernel, spacing) = (&self.near, self.kernel, self.medium.spacing);
         let slope = 1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest);
         let (normal, correction) = (&self.normal, &self.correction);
         let owned = p.owned();
-        let (speed, Plan { shifting, volume_control, state, .. }) = (fastest(p), self.plan);
+        let (fastest, Plan { shifting, volume_control, state, .. }) = (fastest(p), self.plan);
+        let reach = kernel.radius();
         self.shifts.resize(owned, Shift::NONE);
         sweep(&mut self.shifts, |a| {
             if !p.is_fluid(a) {
                 return Shift::NONE;
             }
-            if normal[a] != Vector::ZERO {
-                return Shift { place: Place::Surface, ..Shift::NONE };
-            }
             let (mut concentration, mut outward, mut gradient) = (Vector::ZERO, Vector::ZERO, Vector::ZERO);
+            let (mut strain, mut at_wall) = ([Vector::ZERO; D], false);
             let whole = kernel.w(spacing, p.h[a]);
             let mut sum = p.mass[a] / state.rest * kernel.w(0.0, p.h[a]);
             near.for_each(a, |pair| {
@@ -355,15 +356,24 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 concentration += pair_weight(w / whole) * grad_w;
                 gradient += (p.density[b] - p.density[a]) * grad_w;
                 outward += w * normal[b];
+                for (row, along) in strain.iter_mut().zip((p.v[b] - p.v[a]).0) {
+                    *row += along * grad_w;
+                }
+                at_wall |= pair.r < reach * pair.h && !p.is_fluid(b);
             });
+            if normal[a] != Vector::ZERO {
+                return Shift { place: Place::Surface, at_wall, ..Shift::NONE };
+            }
+            let strain = strain.map(|row| contract(&correction[a], row));
+            let speed = strain_speed(&strain, p.h[a], fastest);
             let length = outward.norm();
             let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
             let by = shift(concentration, p.h[a], shifting * speed, dt, normal);
             let pull = match place {
-                Place::Inside => state.rest * volume_pull(sum, p.h[a], speed, volume_control),
+                Place::Inside => state.rest * volume_pull(sum, p.h[a], fastest, volume_control),
                 Place::Near | Place::Surface => 0.0,
             };
-            Shift { by, change: contract(&correction[a], gradient).dot(by), pull, place }
+            Shift { by, change: contract(&correction[a], gradient).dot(by), pull, place, at_wall }
         });
         self.place.resize(p.len(), Place::Inside);
         for a in 0..owned {
@@ -383,14 +393,23 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     ///
     /// The damper is the pressure of a bulk viscosity, `−α2 ρ0 c0 h ∇·v` (Sun, Pilloton, Antuono & Colagrossi 2023): it takes energy
     /// from sound and none from flow that keeps its volume. None within reach of the free surface, where `∇·v` misses neighbours.
+    ///
+    /// Beside a wall that cannot pull, fluid is never under tension. The continuity equation counts a wall from which fluid parts, and
+    /// its density falls; tension then would pull on the fluid behind while nothing holds the wall's side, and drag the particle off
+    /// its wall ever faster. The density still counts: it remembers how far the gap has to close before anything pushes.
     fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>, damping: f64) {
         let (state, damping) = (self.plan.state, damping * self.plan.state.sound);
         let owned = p.owned();
         self.compression.resize(owned, 0.0);
         let (kind, density, place, h, compression) = (&p.kind, &p.density, &self.place, &p.h, &self.compression);
+        let (shifts, parts) = (&self.shifts, self.plan.suction == WallSuction::None);
+        let elastic = |a: usize| {
+            let pressure = state.pressure(density[a]);
+            if parts && shifts[a].at_wall { pressure.max(0.0) } else { pressure }
+        };
         sweep(&mut p.pressure[..owned], |a| match kind[a] {
-            Kind::Fluid if place[a] == Place::Inside => state.pressure(density[a]) + damping * h[a] * compression[a],
-            Kind::Fluid => state.pressure(density[a]),
+            Kind::Fluid if place[a] == Place::Inside => elastic(a) + damping * h[a] * compression[a],
+            Kind::Fluid => elastic(a),
             Kind::Wall | Kind::Lost => 0.0,
         });
         domain.refresh_column(&mut p.pressure);
