@@ -1,6 +1,7 @@
 //! Shifting: small moves that keep particles evenly spaced.
 
 use super::viscosity::Tensor;
+use crate::lanes::Real;
 use crate::math::{Vector, power};
 
 /// `R` of (Sun et al. 2017): extra push of pairs that are too close, dimensionless (Monaghan 2000).
@@ -10,8 +11,8 @@ const PUSH: f64 = 0.2;
 ///
 /// `w_ratio` is `W_ab/W(Δx)`.
 #[inline(always)]
-pub fn pair_weight(w_ratio: f64) -> f64 {
-    1.0 + PUSH * power(w_ratio, 4)
+pub fn pair_weight<L: Real>(w_ratio: L) -> L {
+    power(w_ratio, 4) * PUSH + 1.0
 }
 
 /// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b [1 + R (W_ab/W(Δx))⁴] ∇_a W_ab`, no longer than `U dt/2`
@@ -32,13 +33,9 @@ pub fn shift<const D: usize>(concentration: Vector<D>, h: f64, speed: f64, dt: f
 /// keep up with the strain that makes it so.
 const STRAIN: f64 = 10.0;
 
-/// Speed that shifts go by, m/s: `10 h √(D:D)`, `D = (∇v + ∇vᵀ)/2`, at most `fastest`. `gradient` is `∂v_i/∂x_j`, 1/s.
-///
-/// Strain is what makes particles uneven. A speed measured by it is the same for every observer, and zero in liquid that is at rest,
-/// falls or turns as a whole, however fast a drop flies elsewhere (after Michel, Vergnaud, Oger, Hermange & Le Touzé, J. Comput.
-/// Phys. 459 (2022) 110999, who ask for the first two).
-#[inline]
-pub fn strain_speed<const D: usize>(gradient: &Tensor<D>, h: f64, fastest: f64) -> f64 {
+/// Rate of strain `√(D:D)`, 1/s, `D = (∇v + ∇vᵀ)/2`; `gradient` is `∂v_i/∂x_j`, 1/s.
+#[inline(always)]
+pub fn strain_rate<const D: usize>(gradient: &Tensor<D>) -> f64 {
     let mut squares = 0.0;
     for i in 0..D {
         for j in 0..D {
@@ -46,7 +43,17 @@ pub fn strain_speed<const D: usize>(gradient: &Tensor<D>, h: f64, fastest: f64) 
             squares += strain * strain;
         }
     }
-    (STRAIN * h * squares.sqrt()).min(fastest)
+    squares.sqrt()
+}
+
+/// Speed that shifts go by, m/s: `10 h √(D:D)`, at most `fastest`; `strain` is the rate of strain, 1/s.
+///
+/// Strain is what makes particles uneven. A speed measured by it is the same for every observer, and zero in liquid that is at rest,
+/// falls or turns as a whole, however fast a drop flies elsewhere (after Michel, Vergnaud, Oger, Hermange & Le Touzé, J. Comput.
+/// Phys. 459 (2022) 110999, who ask for the first two).
+#[inline(always)]
+pub fn shift_speed(strain: f64, h: f64, fastest: f64) -> f64 {
+    (STRAIN * h * strain).min(fastest)
 }
 
 /// Sum `Σ V W` below which a neighbourhood counts as dilated: disordered particles of the right volume sum to 1 within half a
@@ -76,10 +83,12 @@ mod tests {
 
     #[test]
     fn liquid_that_turns_as_a_whole_is_not_shifted_and_strained_liquid_no_faster_than_it_flows() {
-        assert_eq!(strain_speed(&[Vector([0.0, -3.0]), Vector([3.0, 0.0])], 0.1, 2.0), 0.0);
-        // √(0.3² + 0.3²) over ten times 0.1 m; 1e-15: a root.
-        assert!((strain_speed(&[Vector([0.3, 0.0]), Vector([0.0, -0.3])], 0.1, 2.0) - 0.18_f64.sqrt()).abs() < 1e-15);
-        assert_eq!(strain_speed(&[Vector([30.0, 0.0]), Vector([0.0, -30.0])], 0.1, 2.0), 2.0);
+        assert_eq!(strain_rate(&[Vector([0.0, -3.0]), Vector([3.0, 0.0])]), 0.0);
+        let pulled = strain_rate(&[Vector([0.3, 0.0]), Vector([0.0, -0.3])]);
+        // √(0.3² + 0.3²); 1e-15: a root.
+        assert!((pulled - 0.18_f64.sqrt()).abs() < 1e-15);
+        assert_eq!(shift_speed(pulled, 0.1, 2.0), pulled);
+        assert_eq!(shift_speed(pulled, 0.1, 0.2), 0.2);
     }
 
     #[test]
