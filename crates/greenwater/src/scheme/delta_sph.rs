@@ -34,7 +34,7 @@ pub struct DeltaSphSettings {
     pub diffusion: Diffusion,
     /// Strength `δ` of density diffusion, dimensionless, >= 0.
     pub delta: f64,
-    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid.
     pub alpha: f64,
     /// Strength `α2` of the acoustic damper, dimensionless, >= 0: a bulk viscosity `α2 h c0` (m²/s), which takes energy from sound
     /// alone (Sun, Pilloton, Antuono & Colagrossi 2023).
@@ -325,7 +325,10 @@ impl<const D: usize> Flux<D> for DeltaFlux {
         let mut along = -pressed;
         if self.alpha > 0.0 {
             let approach = dot(&v_ab, &pair.x_ab) / pair.r.times_plus(pair.r, pair.h * pair.h * 0.01);
-            along = along + L::choose(pair.wall, nothing, approach * (pair.h * (self.alpha * self.sound * self.rest)));
+            // What the fluid's own viscosity leaves to do.
+            let own = 2.0 * (D as f64 + 2.0) * self.viscosity;
+            let strength = (pair.h * (self.alpha * self.sound * self.rest) - own).at_least(nothing);
+            along = along + L::choose(pair.wall, nothing, approach * strength);
         }
         let mut force = [nothing; D];
         add_scaled(&mut force, along, &pair.x_ab);
