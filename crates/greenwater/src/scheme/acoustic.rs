@@ -440,7 +440,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let owned = p.owned();
         let (mut middle, mut bulk) = (std::mem::take(&mut self.middle), std::mem::take(&mut self.bulk));
         let state = self.plan.state;
-        let same = if self.plan.diffusion == Diffusion::Molteni { Vector::ZERO } else { gradient_at_rest(&state, self.medium.gravity, state.rest) };
+        let same = if self.plan.diffusion == Diffusion::Molteni {
+            Vector::ZERO
+        } else {
+            gradient_at_rest(&state, self.medium.gravity, state.rest)
+        };
         with_flux!(self.plan.flux, flux => {
             let dilation = Dilation {
                 pairs: self.pairs(&self.end),
@@ -548,7 +552,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             }
             (Diffusion::Antuono, _) => {
                 gradient.resize(p.len() + 1, Vector::ZERO);
-                let slopes = DensitySlope { pairs: self.pairs(&self.end), scale: self.volume_scale(), state, gravity, kind: &p.kind, h: &p.h };
+                let slopes =
+                    DensitySlope { pairs: self.pairs(&self.end), scale: self.volume_scale(), state, gravity, kind: &p.kind, h: &p.h };
                 sweep_lanes(self.set, &mut gradient[..owned], &slopes);
             }
         }
