@@ -281,6 +281,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self
     }
 
+    /// The same method with other instructions than the best of this machine: the same bits, at another speed.
+    pub fn on(mut self, set: InstructionSet) -> Self {
+        self.set = set;
+        self
+    }
+
     /// What sums over one set of records are made of.
     fn pairs<'a>(&'a self, records: &'a [Record]) -> Pairs<'a, K, D> {
         let lengths = if self.lengths.is_empty() { None } else { Some(self.lengths.as_slice()) };
