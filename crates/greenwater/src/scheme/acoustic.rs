@@ -191,11 +191,13 @@ struct Shift<const D: usize> {
     change: f64,
     /// Rate of density that draws dilated fluid together, kg/(m³ s).
     pull: f64,
+    /// Least pressure that the fluid bears, Pa.
+    least: f64,
     place: Place,
 }
 
 impl<const D: usize> Shift<D> {
-    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Dry };
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, least: f64::NEG_INFINITY, place: Place::Dry };
 }
 
 /// What sound changes in a particle of fluid, beside where it is and how it moves.
@@ -209,6 +211,16 @@ struct Bulk {
     compression: f64,
     /// The part of it that draws dilated fluid together, kg/(m³ s).
     pull: f64,
+    /// Least pressure, Pa.
+    least: f64,
+}
+
+impl Bulk {
+    /// The pressure of the density, Pa, as far as the fluid bears it.
+    #[inline(always)]
+    fn pressure(&self, state: &EquationOfState) -> f64 {
+        state.pressure(self.density).max(self.least)
+    }
 }
 
 /// Pairs reach so much farther than the kernel, in smoothing lengths: a list lasts for one step. In a step of `0.25 h/U` the
@@ -242,6 +254,8 @@ pub struct Acoustic<K, const D: usize> {
     end: Vec<Record>,
     bulk: Vec<Bulk>,
     shifts: Vec<Shift<D>>,
+    /// Rate of strain of fluid, 1/s.
+    strain: Vec<f64>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
     gradient: Vec<Vector<D>>,
     /// The kernel of each row, for pair terms with linear kernels.
@@ -268,6 +282,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             end: Vec::new(),
             bulk: Vec::new(),
             shifts: Vec::new(),
+            strain: Vec::new(),
             gradient: Vec::new(),
             linear: Vec::new(),
             fresh: Vec::new(),
@@ -320,11 +335,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         Ok(())
     }
 
-    /// Which particles belong to the free surface, and its normal there; leaves positions, normals and densities in `end`.
+    /// Which particles belong to the free surface, its normal there, and how fast fluid is strained; leaves positions, normals and
+    /// densities in `end`.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (x, v, mass, kind, owned) = (&p.x, &p.v, &p.mass, &p.kind, p.owned());
         sweep(&mut self.middle[..p.x.len()], |a| record(x[a], v[a], 0.0, mass[a], kind[a] != Kind::Fluid));
-        let mut end = std::mem::take(&mut self.end);
+        let (mut end, mut strain) = (std::mem::take(&mut self.end), std::mem::take(&mut self.strain));
+        strain.resize(owned, 0.0);
         let looking = Looking {
             pairs: self.pairs(&self.middle),
             scale: self.volume_scale(),
@@ -335,10 +352,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             mass: &p.mass,
             h: &p.h,
         };
-        sweep_lanes2(self.set, &mut end[..owned], &mut p.surface[..owned], &looking);
+        sweep_lanes2(self.set, &mut end[..owned], &mut strain, &looking);
+        sweep(&mut p.surface[..owned], |a| u8::from(kind[a] == Kind::Fluid && end[a].v::<D>() != Vector::ZERO));
         domain.refresh_records(&mut end);
         domain.refresh_column(&mut p.surface);
-        self.end = end;
+        (self.end, self.strain) = (end, strain);
     }
 
     /// Finds who is near the free surface, and how particles are shifted over a step `dt`: not those of the surface, those near it
@@ -352,7 +370,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             scale: self.volume_scale(),
             plan: &self.plan,
             spacing: self.medium.spacing,
-            speed: fastest(p),
+            strain: &self.strain,
+            fastest: fastest(p),
             dt,
             kind: &p.kind,
             h: &p.h,
@@ -373,13 +392,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let (state, damping, shifts, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.shifts, &self.place);
         let owned = p.owned();
         update2(&mut self.middle[..owned], &mut self.bulk, |a, middle, bulk| {
-            let Shift { by, change, pull, .. } = shifts[a];
+            let Shift { by, change, pull, least, .. } = shifts[a];
             *middle = match p.kind[a] {
                 Kind::Fluid => {
-                    bulk.pull = pull;
+                    (bulk.pull, bulk.least) = (pull, least);
                     bulk.density = dilated(p.density[a] + change, half * bulk.rate, place[a], state.rest);
                     let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
-                    record(p.x[a] + by + half * p.v[a], p.v[a], state.pressure(bulk.density) + damper, p.mass[a], false)
+                    record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressure(&state) + damper, p.mass[a], false)
                 }
                 Kind::Wall | Kind::Lost => record(p.x[a], p.v[a], 0.0, p.mass[a], true),
             };
