@@ -187,6 +187,18 @@ impl<const D: usize> Neighbors<D> {
         });
     }
 
+    /// Fills a column row by row and answers something for each row: `row(a, values)` pushes a value for each neighbour of `a`, in the
+    /// order of [`for_each`](Self::for_each), and answers what `out[a]` becomes.
+    pub fn fill_rows<T: Send>(&self, column: &mut PairColumn, out: &mut [T], row: impl Fn(usize, &mut Vec<f64>) -> T + Sync) {
+        column.segments.resize_with(self.segments.len(), Vec::new);
+        column.segments.par_iter_mut().zip(out.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (values, out))| {
+            values.clear();
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = row(block * BLOCK + i, values);
+            }
+        });
+    }
+
     /// Calls `each(b, x_ab, value)` with every neighbour of `a` in the order of [`for_each`](Self::for_each), `value` from a
     /// column that was [filled](Self::fill) from these lists.
     #[inline(always)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// The modules of the library, from the ground up. One may use those of lower levels, and itself.
 const LEVELS: [&[&str]; 11] = [
-    &["machine", "math", "error", "formula", "reduce", "sweep", "time"],
+    &["machine", "math", "error", "formula", "gather", "reduce", "sweep", "time"],
     &["kernel", "particles"],
     &["domain", "motion"],
     &["neighbors"],

@@ -84,8 +84,17 @@ impl<const D: usize> Arrangement<D> {
         }
     }
 
-    /// Sums over the neighbours of fluid particle `a`, and whether it is on the surface; nobody is near one yet.
-    pub fn of<K: Kernel<D>>(kernel: K, l: &Lattice, near: &Neighbors<D>, p: &Particles<D>, normals: &[Vector<D>], a: usize) -> Self {
+    /// Sums over the neighbours of fluid particle `a`, and whether it is on the surface; nobody is near one yet. Shows `f_ab` of each
+    /// neighbour to `weigh`.
+    pub fn of<K: Kernel<D>>(
+        kernel: K,
+        l: &Lattice,
+        near: &Neighbors<D>,
+        p: &Particles<D>,
+        normals: &[Vector<D>],
+        a: usize,
+        mut weigh: impl FnMut(f64),
+    ) -> Self {
         let (h, rest_density) = (near.h(a), l.rest_density);
         let mut at = Self::alone();
         at.filling = p.mass[a] / rest_density * kernel.w(0.0, h);
@@ -93,6 +102,7 @@ impl<const D: usize> Arrangement<D> {
         near.for_each(a, |pair| {
             let volume = 0.5 * (p.mass[a] + p.mass[pair.b]) / rest_density;
             let f = -volume * kernel.dw_over_r(pair.r, pair.h);
+            weigh(f);
             let w = kernel.w(pair.r, pair.h);
             at.filling += volume * w;
             at.spread += f * pair.r * pair.r;
@@ -270,7 +280,7 @@ mod tests {
         let slope = Vector([3.0, -2.0]);
         let mut tried = 0;
         for a in (0..p.len()).filter(|&a| p.is_fluid(a) && (2.0..10.0).contains(&p.x[a][0])) {
-            let at = Arrangement::of(WendlandC2, &lattice(), &near, &p, &normals, a);
+            let at = Arrangement::of(WendlandC2, &lattice(), &near, &p, &normals, a, |_| ());
             let mut differences = Vector::ZERO;
             near.for_each(a, |pair| {
                 let f = -WendlandC2.slope(pair.r);
@@ -301,7 +311,7 @@ mod tests {
         near.fill(&mut f, |_, pair| -WendlandC2.slope(pair.r));
         let l = lattice();
         let mut at: Vec<_> = (0..p.len())
-            .map(|a| if p.is_fluid(a) { Arrangement::of(WendlandC2, &l, &near, &p, &normals, a) } else { Arrangement::alone() })
+            .map(|a| if p.is_fluid(a) { Arrangement::of(WendlandC2, &l, &near, &p, &normals, a, |_| ()) } else { Arrangement::alone() })
             .collect();
         let places: Vec<_> = at.iter().map(|at| at.place).collect();
         for a in (0..p.len()).filter(|&a| p.is_fluid(a)) {

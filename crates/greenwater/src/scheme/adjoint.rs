@@ -133,7 +133,9 @@ impl<const D: usize> Flow<D> {
         let (near, lattice, normals, f) = (&self.near, &self.lattice, &self.normals, &self.f);
         self.at.resize(owned, Arrangement::alone());
         self.places.resize(p.len(), Place::Inside);
-        sweep(&mut self.at, |a| if p.is_fluid(a) { Arrangement::of(kernel, lattice, near, p, normals, a) } else { Arrangement::alone() });
+        sweep(&mut self.at, |a| {
+            if p.is_fluid(a) { Arrangement::of(kernel, lattice, near, p, normals, a, |_| ()) } else { Arrangement::alone() }
+        });
         let (at, places) = (&mut self.at, &mut self.places);
         sweep(&mut places[..owned], |a| at[a].place);
         domain.refresh_column(places);
