@@ -2,8 +2,8 @@
 //!
 //! Rows are stored in slices of sixteen, entry by entry, so that the lanes of a vector unit are rows: no sum runs across lanes, and a
 //! row adds its terms in the order they were stored in. Multiplication and addition round separately; every instruction set gives
-//! the same bits. The only `unsafe` code of the library stands here: gathers do not check their indices, and the columns of
-//! [`Slices`] are below a bound that every call compares with the length of what it gathers from.
+//! the same bits. Beside `lanes` the only `unsafe` code of the library: gathers do not check their indices, and the columns of [`Slices`]
+//! are below a bound that every call compares with the length of what it gathers from.
 
 /// Rows of a slice.
 pub const LANES: usize = 16;
@@ -78,47 +78,41 @@ impl Slices {
         4 * self.ends.capacity() + size_of::<Lanes<u32>>() * self.columns.capacity()
     }
 
-    /// `Σ_k w_k x[c_k]` of the rows of slice `s`, for each of several weights.
+    /// `Σ_k w_k x[c_k]` of every row, for each of several weights; `out` have an entry for each lane of each slice.
     #[inline]
-    pub fn spread<const S: usize>(&self, s: usize, w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
-        let range = self.range(s);
-        let columns = &self.columns[range.clone()];
-        let w = w.map(|w| &w[range.clone()]);
+    pub fn spread<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[f32], out: [&mut [f32]; S]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx512f") {
                 // SAFETY: the processor has AVX-512F; columns are below `bound`, which is not above `x.len()` nor `i32::MAX`.
-                return unsafe { avx512::spread(columns, w, x) };
+                return unsafe { avx512::spread_all(self, w, x, out) };
             }
             if is_x86_feature_detected!("avx2") {
                 // SAFETY: as above, with AVX2.
-                return unsafe { avx2::spread(columns, w, x) };
+                return unsafe { avx2::spread_all(self, w, x, out) };
             }
         }
-        portable::spread(columns, w, x)
+        portable::spread_all(self, w, x, out);
     }
 
-    /// `Σ_k Σ_s w_sk x[c_k]_s` of the rows of slice `s`.
+    /// `Σ_k Σ_s w_sk x[c_k]_s` of every row.
     #[inline]
-    pub fn join<const S: usize>(&self, s: usize, w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
-        let range = self.range(s);
-        let columns = &self.columns[range.clone()];
-        let w = w.map(|w| &w[range.clone()]);
+    pub fn join<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[[f32; S]], out: &mut [f32]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
         assert!(x.len() * S < i32::MAX as usize, "{} values of {S} numbers do not fit an index", x.len());
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx512f") {
                 // SAFETY: as in `spread`; `S` columns fit an index.
-                return unsafe { avx512::join(columns, w, x) };
+                return unsafe { avx512::join_all(self, w, x, out) };
             }
             if is_x86_feature_detected!("avx2") {
                 // SAFETY: as in `spread`; `S` columns fit an index.
-                return unsafe { avx2::join(columns, w, x) };
+                return unsafe { avx2::join_all(self, w, x, out) };
             }
         }
-        portable::join(columns, w, x)
+        portable::join_all(self, w, x, out);
     }
 
     /// `Σ_k w_k (x[c_k] − own)` of the rows of slice `s` for each of several weights, in double precision.
@@ -152,32 +146,82 @@ impl Slices {
         portable::strain(columns, w, x, own)
     }
 
-    /// `Σ_k w_k x[c_k]` of the rows of slice `s`, summed in double precision.
+    /// `Σ_k w_k x[c_k]` of every row, summed in double precision.
     #[inline]
-    pub fn sum(&self, s: usize, w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
-        let range = self.range(s);
-        let (columns, w) = (&self.columns[range.clone()], &w[range]);
+    pub fn sum(&self, w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx512f") {
                 // SAFETY: as in `spread`.
-                return unsafe { avx512::sum(columns, w, x) };
+                return unsafe { avx512::sum_all(self, w, x, out) };
             }
             if is_x86_feature_detected!("avx2") {
                 // SAFETY: as in `spread`.
-                return unsafe { avx2::sum(columns, w, x) };
+                return unsafe { avx2::sum_all(self, w, x, out) };
             }
         }
-        portable::sum(columns, w, x)
+        portable::sum_all(self, w, x, out);
     }
+}
+
+/// Loops over all slices, compiled for the instructions of the functions they call.
+macro_rules! all_slices {
+    ($(#[$feature:meta])* $($unsafe:ident)?) => {
+        /// # Safety
+        /// Columns are below `x.len()` and `i32::MAX`, and the processor has the instructions.
+        $(#[$feature])*
+        pub(super) $($unsafe)? fn spread_all<const S: usize>(slices: &super::Slices, w: [&[Lanes<f32>]; S], x: &[f32], mut out: [&mut [f32]; S]) {
+            for s in 0..slices.ends.len() {
+                let range = slices.range(s);
+                let mut part = w;
+                part.iter_mut().for_each(|w| *w = &w[range.clone()]);
+                // SAFETY: as the caller promises.
+                #[allow(unused_unsafe)]
+                let sums = unsafe { spread(&slices.columns[range], part, x) };
+                for (out, sums) in out.iter_mut().zip(&sums) {
+                    out[s * LANES..][..LANES].copy_from_slice(&sums.0);
+                }
+            }
+        }
+
+        /// # Safety
+        /// Columns are below `x.len()`, and `S` times that fits 31 bits, and the processor has the instructions.
+        $(#[$feature])*
+        pub(super) $($unsafe)? fn join_all<const S: usize>(slices: &super::Slices, w: [&[Lanes<f32>]; S], x: &[[f32; S]], out: &mut [f32]) {
+            for s in 0..slices.ends.len() {
+                let range = slices.range(s);
+                let mut part = w;
+                part.iter_mut().for_each(|w| *w = &w[range.clone()]);
+                // SAFETY: as the caller promises.
+                #[allow(unused_unsafe)]
+                let sums = unsafe { join(&slices.columns[range], part, x) };
+                out[s * LANES..][..LANES].copy_from_slice(&sums.0);
+            }
+        }
+
+        /// # Safety
+        /// Columns are below `x.len()` and `i32::MAX`, and the processor has the instructions.
+        $(#[$feature])*
+        pub(super) $($unsafe)? fn sum_all(slices: &super::Slices, w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
+            for s in 0..slices.ends.len() {
+                let range = slices.range(s);
+                // SAFETY: as the caller promises.
+                #[allow(unused_unsafe)]
+                let sums = unsafe { sum(&slices.columns[range.clone()], &w[range], x) };
+                out[s * LANES..][..LANES].copy_from_slice(&sums.0);
+            }
+        }
+    };
 }
 
 /// What every processor can do.
 mod portable {
     use super::{LANES, Lanes};
 
-    pub(super) fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+    all_slices!();
+
+    fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
         let mut total = [Lanes::default(); S];
         for (k, columns) in columns.iter().enumerate() {
             let x: [f32; LANES] = columns.0.map(|column| x[column as usize]);
@@ -190,7 +234,7 @@ mod portable {
         total
     }
 
-    pub(super) fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+    fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
         let mut total = Lanes::default();
         for (k, columns) in columns.iter().enumerate() {
             for (s, w) in w.iter().enumerate() {
@@ -236,7 +280,7 @@ mod portable {
         total
     }
 
-    pub(super) fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+    fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
         let mut total = Lanes::default();
         for (columns, w) in columns.iter().zip(w) {
             for lane in 0..LANES {
@@ -254,6 +298,8 @@ mod avx512 {
 
     use super::{LANES, Lanes};
 
+    all_slices!(#[target_feature(enable = "avx512f")] unsafe);
+
     #[inline]
     #[target_feature(enable = "avx512f")]
     fn store(lanes: __m512) -> Lanes<f32> {
@@ -265,8 +311,9 @@ mod avx512 {
 
     /// # Safety
     /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
+    #[inline]
     #[target_feature(enable = "avx512f")]
-    pub(super) unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+    unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
         let mut total = [_mm512_setzero_ps(); S];
         for (k, columns) in columns.iter().enumerate() {
             // SAFETY: `Lanes` are 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
@@ -282,8 +329,9 @@ mod avx512 {
 
     /// # Safety
     /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
+    #[inline]
     #[target_feature(enable = "avx512f")]
-    pub(super) unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+    unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
         let mut total = _mm512_setzero_ps();
         for (k, columns) in columns.iter().enumerate() {
             // SAFETY: `Lanes` are 64 bytes on a boundary of 64.
@@ -383,8 +431,9 @@ mod avx512 {
 
     /// # Safety
     /// Columns are below `x.len()` and `i32::MAX`.
+    #[inline]
     #[target_feature(enable = "avx512f")]
-    pub(super) unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+    unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
         let mut total = [_mm512_setzero_pd(); 2];
         for (columns, w) in columns.iter().zip(w) {
             for half in 0..2 {
@@ -412,10 +461,13 @@ mod avx2 {
 
     use super::{LANES, Lanes};
 
+    all_slices!(#[target_feature(enable = "avx2")] unsafe);
+
     /// # Safety
     /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
+    #[inline]
     #[target_feature(enable = "avx2")]
-    pub(super) unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+    unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
         let mut total = [[_mm256_setzero_ps(); 2]; S];
         for (k, columns) in columns.iter().enumerate() {
             for half in 0..2 {
@@ -433,8 +485,9 @@ mod avx2 {
 
     /// # Safety
     /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
+    #[inline]
     #[target_feature(enable = "avx2")]
-    pub(super) unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+    unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
         let mut total = [_mm256_setzero_ps(); 2];
         for (k, columns) in columns.iter().enumerate() {
             for half in 0..2 {
@@ -467,8 +520,9 @@ mod avx2 {
 
     /// # Safety
     /// Columns are below `x.len()` and `i32::MAX`.
+    #[inline]
     #[target_feature(enable = "avx2")]
-    pub(super) unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+    unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
         let mut total = [_mm256_setzero_pd(); 4];
         for (columns, w) in columns.iter().zip(w) {
             for quarter in 0..4 {
@@ -513,12 +567,33 @@ mod tests {
         let pairs: Vec<[f32; 2]> = (0..100).map(|i| [(i as f32 * 0.61).cos(), 0.1 * i as f32]).collect();
         let wide: Vec<f64> = x.iter().map(|&x| f64::from(x) / 3.0).collect();
         let columns = slices.columns();
-        let expected = (portable::spread(columns, w, &x), portable::join(columns, w, &pairs), portable::sum(columns, w[0], &wide));
-        assert_eq!((slices.spread(0, w, &x), slices.join(0, w, &pairs), slices.sum(0, w[0], &wide)), expected);
+        type Run<'a> = &'a dyn Fn(&mut [f32; LANES], &mut [f32; LANES], &mut [f32; LANES], &mut [f64; LANES]);
+        let results = |run: Run| {
+            let (mut a, mut b, mut c, mut d) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+            run(&mut a, &mut b, &mut c, &mut d);
+            (a, b, c, d)
+        };
+        let expected = results(&|a, b, c, d| {
+            portable::spread_all(&slices, w, &x, [a, b]);
+            portable::join_all(&slices, w, &pairs, c);
+            portable::sum_all(&slices, w[0], &wide, d);
+        });
+        let best = results(&|a, b, c, d| {
+            slices.spread(w, &x, [a, b]);
+            slices.join(w, &pairs, c);
+            slices.sum(w[0], &wide, d);
+        });
+        assert_eq!(best, expected);
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2, and columns are below 100.
-            let found = unsafe { (avx2::spread(columns, w, &x), avx2::join(columns, w, &pairs), avx2::sum(columns, w[0], &wide)) };
+            let found = results(&|a, b, c, d| {
+                // SAFETY: the processor has AVX2, and columns are below 100.
+                unsafe {
+                    avx2::spread_all(&slices, w, &x, [a, b]);
+                    avx2::join_all(&slices, w, &pairs, c);
+                    avx2::sum_all(&slices, w[0], &wide, d);
+                }
+            });
             assert_eq!(found, expected);
         }
         let own = [Lanes([0.25; LANES]), Lanes(std::array::from_fn(|lane| lane as f64))];
@@ -526,13 +601,13 @@ mod tests {
         assert_eq!(slices.rise(0, w, &wide, &own[1]), portable::rise(columns, w, &wide, &own[1]));
         assert_eq!(slices.strain(0, w, &wide_pairs, &own), portable::strain(columns, w, &wide_pairs, &own));
         let sum: f32 = (0..slices.groups()).map(|k| w[0][k].0[3] * x[columns[k].0[3] as usize]).sum();
-        assert_eq!(expected.0[0].0[3], sum);
+        assert_eq!(expected.0[3], sum);
     }
 
     #[test]
     #[should_panic(expected = "columns up to")]
     fn columns_beyond_the_values_are_refused() {
         let (slices, w) = slice();
-        slices.spread(0, [&w[0]], &[0.0; 50]);
+        slices.spread([&w[0]], &[0.0; 50], [&mut [0.0; LANES]]);
     }
 }

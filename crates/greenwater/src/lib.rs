@@ -5,6 +5,7 @@ pub mod domain;
 pub mod formula;
 mod gather;
 pub mod kernel;
+pub mod lanes;
 pub mod machine;
 pub mod math;
 pub mod motion;

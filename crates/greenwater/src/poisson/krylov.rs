@@ -92,7 +92,7 @@ pub(super) fn cg_sliced(
     p.copy_from_slice(z);
     let mut rz = dot(r, z);
     for iteration in 1..=budget {
-        a.with_double(p, q, |_, ap, q| *q = ap);
+        a.with_double(p, q, |ap, q| *q = ap);
         let pq = dot(p, q);
         // Also false for NaN.
         if !(pq > 0.0 && rz > 0.0) {

@@ -2,6 +2,8 @@
 
 mod rows;
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use self::rows::{Rows, Workspaces};
@@ -65,35 +67,44 @@ impl Level {
         let Self { b, d, e, r, .. } = self;
         let inverse = a.inverse();
         let (b, d) = (&*b, &*d);
-        a.with_single2(d, r, e, |i, ad, r, e| {
-            *r = b[i] - ad;
-            *e = KEEP * d[i] + ADD * inverse[i] * *r;
+        a.with_single2(d, r, e, |at, ad, r, e| {
+            let known = b[at.clone()].iter().zip(&d[at.clone()]).zip(&inverse[at]);
+            for (((r, e), ad), ((b, d), inverse)) in r.iter_mut().zip(e).zip(ad).zip(known) {
+                *r = b - ad;
+                *e = KEEP * d + ADD * inverse * *r;
+            }
         });
-        a.with_single(e, r, |_, ae, r| *r -= ae);
+        a.with_single(e, r, |_, ae, r| r.iter_mut().zip(ae).for_each(|(r, ae)| *r -= ae));
     }
 
-    /// Adds the correction `c` of the next level and smooths; `set(i, x_i, out_i)` takes the solution.
+    /// Adds the correction `c` of the next level and smooths; `set(x_i, &mut out_i)` takes the solution.
     fn ascend<T: Send>(&mut self, a: &Sliced, out: &mut [T], set: impl Fn(f32, &mut T) + Sync) {
         let Self { d, e, r, c, .. } = self;
         let inverse = a.inverse();
         // What is known so far is d + e + c; `e` makes room for the next correction.
-        for_all(d, |i, d| *d += e[i]);
-        a.with_single2(c, r, e, |i, ac, r, e| {
-            *r -= ac;
-            *e = START * inverse[i] * *r;
+        for_all(d, |at, d| d.iter_mut().zip(&e[at]).for_each(|(d, e)| *d += e));
+        a.with_single2(c, r, e, |at, ac, r, e| {
+            for (((r, e), ac), inverse) in r.iter_mut().zip(e).zip(ac).zip(&inverse[at]) {
+                *r -= ac;
+                *e = START * inverse * *r;
+            }
         });
         let (d, e, r, c) = (&*d, &*e, &*r, &*c);
-        a.with_single(e, out, |i, ae, out| set(d[i] + c[i] + e[i] + (KEEP * e[i] + ADD * inverse[i] * (r[i] - ae)), out));
+        a.with_single(e, out, |at, ae, out| {
+            let known = d[at.clone()].iter().zip(&c[at.clone()]).zip(&e[at.clone()]).zip(&r[at.clone()]).zip(&inverse[at]);
+            for ((out, ae), ((((d, c), e), r), inverse)) in out.iter_mut().zip(ae).zip(known) {
+                set(d + c + e + (KEEP * e + ADD * inverse * (r - ae)), out);
+            }
+        });
     }
 }
 
-/// `change(i, &mut v_i)` for every entry, shared among threads where there are many.
-fn for_all(v: &mut [f32], change: impl Fn(usize, &mut f32) + Sync) {
+/// `change(i, v_i)` for runs `i` of entries, shared among threads where there are many.
+fn for_all(v: &mut [f32], change: impl Fn(Range<usize>, &mut [f32]) + Sync) {
     if v.len() < 16 * ROWS {
-        v.iter_mut().enumerate().for_each(|(i, v)| change(i, v));
+        change(0..v.len(), v);
     } else {
-        let block = |(number, v): (usize, &mut [f32])| v.iter_mut().enumerate().for_each(|(i, v)| change(number * ROWS + i, v));
-        v.par_chunks_mut(ROWS).enumerate().for_each(block);
+        v.par_chunks_mut(ROWS).enumerate().for_each(|(number, v)| change(number * ROWS..number * ROWS + v.len(), v));
     }
 }
 
@@ -190,9 +201,8 @@ impl Multigrid {
         let scale = size / (r.len() as f64).sqrt();
         let (down, inverse) = (1.0 / scale, a.inverse());
         let level = &mut self.levels[0];
-        for_all(&mut level.b, |i, b| *b = (down * r[i]) as f32);
-        let b = &level.b;
-        for_all(&mut level.d, |i, d| *d = START * inverse[i] * b[i]);
+        for_all(&mut level.b, |at, b| b.iter_mut().zip(&r[at]).for_each(|(b, r)| *b = (down * r) as f32));
+        start(&mut level.d, &level.b, inverse);
         self.cycle(0, a, z, |x, z| *z = scale * f64::from(x));
     }
 
@@ -202,7 +212,7 @@ impl Multigrid {
         if i + 1 < self.depth {
             let (above, below) = self.levels.split_at_mut(i + 1);
             let (here, next) = (&mut above[i], &mut below[0]);
-            here.to_next.weigh(&here.r, &mut next.b, |_, sum, b| *b = sum);
+            here.to_next.weigh(&here.r, &mut next.b, |_, sums, b| b.copy_from_slice(sums));
             if i + 2 == self.depth && !self.inverse.is_empty() {
                 multiply(&self.inverse, &next.b, &mut next.x);
             } else {
@@ -211,7 +221,7 @@ impl Multigrid {
             let (above, below) = self.levels.split_at_mut(i + 1);
             let (here, next) = (&mut above[i], &below[0]);
             let Level { from_next, c, .. } = here;
-            from_next.weigh(&next.x, c, |_, sum, c| *c = sum);
+            from_next.weigh(&next.x, c, |_, sums, c| c.copy_from_slice(sums));
         } else {
             self.levels[i].c.fill(0.0);
         }
@@ -223,9 +233,8 @@ impl Multigrid {
         let a = std::mem::take(&mut self.below[i - 1]);
         let mut x = std::mem::take(&mut self.levels[i].x);
         x.resize(a.rows(), 0.0);
-        let inverse = a.inverse();
         let Level { b, d, .. } = &mut self.levels[i];
-        for_all(d, |i, d| *d = START * inverse[i] * b[i]);
+        start(d, b, a.inverse());
         self.cycle(i, &a, &mut x, |value, x| *x = value);
         self.levels[i].x = x;
         self.below[i - 1] = a;
@@ -253,6 +262,15 @@ impl Level {
         square.slice_square(next);
         true
     }
+}
+
+/// `d = START D⁻¹ b`.
+fn start(d: &mut [f32], b: &[f32], inverse: &[f32]) {
+    for_all(d, |at, d| {
+        for ((d, b), inverse) in d.iter_mut().zip(&b[at.clone()]).zip(&inverse[at]) {
+            *d = START * inverse * b;
+        }
+    });
 }
 
 /// `y = A x` for a dense matrix, row by row.

@@ -1,5 +1,7 @@
 //! Symmetric matrices of pressure equations in slices of rows: what iterations on many rows are fastest with.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::gather::{LANES, Lanes, Slices};
@@ -114,49 +116,51 @@ impl Sliced {
         self.inverse.resize(n, 0.0);
         arms.squares.resize(n, 0.0);
         let numbers = self.diagonal.par_chunks_mut(ROWS).zip(self.inverse.par_chunks_mut(ROWS)).zip(arms.squares.par_chunks_mut(ROWS));
-        self.blocks.par_iter_mut().zip(&mut arms.blocks).zip(numbers).enumerate().for_each(|(number, ((block, arms), ((diagonal, inverse), squares)))| {
-            let Block { slices, weights, entries, staging } = block;
-            slices.clear();
-            weights.clear();
-            arms.arms.iter_mut().for_each(Vec::clear);
-            *entries = 0;
-            for first in (0..diagonal.len()).step_by(LANES) {
-                for lane in 0..LANES {
-                    staging.columns[lane].clear();
-                    staging.weights[lane].clear();
-                    arms.staging[lane].clear();
-                    if first + lane < diagonal.len() {
-                        let mut row = SlicedRow {
-                            columns: &mut staging.columns[lane],
-                            weights: &mut staging.weights[lane],
-                            arms: &mut arms.staging[lane],
-                        };
-                        let i = number * ROWS + first + lane;
-                        let d = fill(i, &mut row);
-                        *entries += row.columns.len();
-                        diagonal[first + lane] = d;
-                        squares[first + lane] = row.arms.iter().flatten().map(|arm| arm * arm).sum();
-                        inverse[first + lane] = 1.0 / (d.abs() as f32 + row.weights.iter().map(|w| w.abs()).sum::<f32>());
+        self.blocks.par_iter_mut().zip(&mut arms.blocks).zip(numbers).enumerate().for_each(
+            |(number, ((block, arms), ((diagonal, inverse), squares)))| {
+                let Block { slices, weights, entries, staging } = block;
+                slices.clear();
+                weights.clear();
+                arms.arms.iter_mut().for_each(Vec::clear);
+                *entries = 0;
+                for first in (0..diagonal.len()).step_by(LANES) {
+                    for lane in 0..LANES {
+                        staging.columns[lane].clear();
+                        staging.weights[lane].clear();
+                        arms.staging[lane].clear();
+                        if first + lane < diagonal.len() {
+                            let mut row = SlicedRow {
+                                columns: &mut staging.columns[lane],
+                                weights: &mut staging.weights[lane],
+                                arms: &mut arms.staging[lane],
+                            };
+                            let i = number * ROWS + first + lane;
+                            let d = fill(i, &mut row);
+                            *entries += row.columns.len();
+                            diagonal[first + lane] = d;
+                            squares[first + lane] = row.arms.iter().flatten().map(|arm| arm * arm).sum();
+                            inverse[first + lane] = 1.0 / (d.abs() as f32 + row.weights.iter().map(|w| w.abs()).sum::<f32>());
+                        }
                     }
-                }
-                slices.push(|lane| (number * ROWS + first + lane).min(columns - 1) as u32, |lane| &staging.columns[lane]);
-                let start = weights.len();
-                weights.resize(slices.groups(), Lanes::default());
-                for (lane, row) in staging.weights.iter().enumerate() {
-                    for (to, &weight) in weights[start..].iter_mut().zip(row) {
-                        to.0[lane] = weight;
+                    slices.push(|lane| (number * ROWS + first + lane).min(columns - 1) as u32, |lane| &staging.columns[lane]);
+                    let start = weights.len();
+                    weights.resize(slices.groups(), Lanes::default());
+                    for (lane, row) in staging.weights.iter().enumerate() {
+                        for (to, &weight) in weights[start..].iter_mut().zip(row) {
+                            to.0[lane] = weight;
+                        }
                     }
-                }
-                for (s, arm) in arms.arms.iter_mut().enumerate() {
-                    arm.resize(slices.groups(), Lanes::default());
-                    for (lane, row) in arms.staging.iter().enumerate() {
-                        for (to, weights) in arm[start..].iter_mut().zip(row) {
-                            to.0[lane] = weights[s];
+                    for (s, arm) in arms.arms.iter_mut().enumerate() {
+                        arm.resize(slices.groups(), Lanes::default());
+                        for (lane, row) in arms.staging.iter().enumerate() {
+                            for (to, weights) in arm[start..].iter_mut().zip(row) {
+                                to.0[lane] = weights[s];
+                            }
                         }
                     }
                 }
-            }
-        });
+            },
+        );
         self.entries = self.blocks.iter().map(|block| block.entries).sum();
     }
 
@@ -202,34 +206,42 @@ impl Sliced {
         entries.map(move |(columns, weights)| (columns.0[lane], weights.0[lane])).filter(|&(_, weight)| weight != 0.0)
     }
 
-    /// `set(i, Σ_j w_ij x_j, &mut y_i)` for every row, in single precision.
-    #[inline]
-    pub(super) fn weigh<T: Send>(&self, x: &[f32], y: &mut [T], set: impl Fn(usize, f32, &mut T) + Sync) {
+    /// `set(i, (Σ_j w_ij x_j)_i, y_i)` for runs `i` of rows, in single precision.
+    pub(super) fn weigh<T: Send>(&self, x: &[f32], y: &mut [T], set: impl Fn(Range<usize>, &[f32], &mut [T]) + Sync) {
         self.by_block(y, |number, y| {
             let block = &self.blocks[number];
-            for (s, y) in y.chunks_mut(LANES).enumerate() {
-                let [sums] = block.slices.spread(s, [&block.weights], x);
-                for (lane, y) in y.iter_mut().enumerate() {
-                    set(number * ROWS + s * LANES + lane, sums.0[lane], y);
-                }
-            }
+            let mut sums = [0.0; ROWS];
+            block.slices.spread([&block.weights], x, [&mut sums]);
+            let first = number * ROWS;
+            set(first..first + y.len(), &sums[..y.len()], y);
         });
     }
 
-    /// `set(i, (A x)_i, &mut y_i, &mut z_i)` for every row, in single precision.
-    #[inline]
-    pub(super) fn with_single2<T: Send, U: Send>(&self, x: &[f32], y: &mut [T], z: &mut [U], set: impl Fn(usize, f32, &mut T, &mut U) + Sync) {
+    /// `A x` of the rows of a block, in single precision.
+    fn product<'a>(&self, number: usize, rows: usize, x: &[f32], sums: &'a mut [f32; ROWS]) -> (Range<usize>, &'a [f32]) {
+        let (block, first) = (&self.blocks[number], number * ROWS);
+        block.slices.spread([&block.weights], x, [&mut *sums]);
+        let at = first..first + rows;
+        let sums = &mut sums[..rows];
+        for ((sum, diagonal), x) in sums.iter_mut().zip(&self.diagonal[at.clone()]).zip(&x[at.clone()]) {
+            *sum = *diagonal as f32 * x - *sum;
+        }
+        (at, sums)
+    }
+
+    /// `set(i, (A x)_i, y_i, z_i)` for runs `i` of rows, in single precision.
+    pub(super) fn with_single2<T: Send, U: Send>(
+        &self,
+        x: &[f32],
+        y: &mut [T],
+        z: &mut [U],
+        set: impl Fn(Range<usize>, &[f32], &mut [T], &mut [U]) + Sync,
+    ) {
         assert!(y.len() == self.rows && z.len() == self.rows, "product of a matrix and vectors of another size");
         let rows = |number: usize, y: &mut [T], z: &mut [U]| {
-            let block = &self.blocks[number];
-            for (s, (y, z)) in y.chunks_mut(LANES).zip(z.chunks_mut(LANES)).enumerate() {
-                let first = number * ROWS + s * LANES;
-                let [sums] = block.slices.spread(s, [&block.weights], x);
-                for (lane, (y, z)) in y.iter_mut().zip(z).enumerate() {
-                    let i = first + lane;
-                    set(i, self.diagonal[i] as f32 * x[i] - sums.0[lane], y, z);
-                }
-            }
+            let mut sums = [0.0; ROWS];
+            let (at, ax) = self.product(number, y.len(), x, &mut sums);
+            set(at, ax, y, z);
         };
         if self.is_shared() {
             y.par_chunks_mut(ROWS).zip(z.par_chunks_mut(ROWS)).enumerate().for_each(|(number, (y, z))| rows(number, y, z));
@@ -238,64 +250,48 @@ impl Sliced {
         }
     }
 
-    /// `set(i, (A x)_i, &mut y_i)` for every row, in single precision.
-    #[inline]
-    pub(super) fn with_single<T: Send>(&self, x: &[f32], y: &mut [T], set: impl Fn(usize, f32, &mut T) + Sync) {
+    /// `set(i, (A x)_i, y_i)` for runs `i` of rows, in single precision.
+    pub(super) fn with_single<T: Send>(&self, x: &[f32], y: &mut [T], set: impl Fn(Range<usize>, &[f32], &mut [T]) + Sync) {
         self.by_block(y, |number, y| {
-            let block = &self.blocks[number];
-            for (s, y) in y.chunks_mut(LANES).enumerate() {
-                let first = number * ROWS + s * LANES;
-                let [sums] = block.slices.spread(s, [&block.weights], x);
-                for (lane, y) in y.iter_mut().enumerate() {
-                    let i = first + lane;
-                    set(i, self.diagonal[i] as f32 * x[i] - sums.0[lane], y);
-                }
-            }
+            let mut sums = [0.0; ROWS];
+            let (at, ax) = self.product(number, y.len(), x, &mut sums);
+            set(at, ax, y);
         });
     }
 
-    /// `set(i, (A x)_i, &mut y_i)` for every row.
-    #[inline]
-    pub(super) fn with_double(&self, x: &[f64], y: &mut [f64], set: impl Fn(usize, f64, &mut f64) + Sync) {
+    /// `set((A x)_i, &mut y_i)` for every row.
+    pub(super) fn with_double(&self, x: &[f64], y: &mut [f64], set: impl Fn(f64, &mut f64) + Sync) {
         self.by_block(y, |number, y| {
             let block = &self.blocks[number];
-            for (s, y) in y.chunks_mut(LANES).enumerate() {
-                let first = number * ROWS + s * LANES;
-                let sums = block.slices.sum(s, &block.weights, x);
-                for (lane, y) in y.iter_mut().enumerate() {
-                    let i = first + lane;
-                    set(i, self.diagonal[i] * x[i] - sums.0[lane], y);
-                }
+            let mut sums = [0.0; ROWS];
+            block.slices.sum(&block.weights, x, &mut sums);
+            let at = number * ROWS..number * ROWS + y.len();
+            for (((y, sum), diagonal), x) in y.iter_mut().zip(&sums).zip(&self.diagonal[at.clone()]).zip(&x[at]) {
+                set(diagonal * x - sum, y);
             }
         });
     }
 
     /// `set(i, (Σ_j arm_s,ij x_j)_s, &mut y_i)` for every row.
-    #[inline]
     pub fn with_arms<const S: usize, T: Send>(&self, arms: &Arms<S>, x: &[f32], y: &mut [T], set: impl Fn(usize, [f32; S], &mut T) + Sync) {
         self.by_block(y, |number, y| {
             let (block, arms) = (&self.blocks[number], &arms.blocks[number]);
-            let arms: [&[Lanes<f32>]; S] = std::array::from_fn(|s| arms.arms[s].as_slice());
-            for (s, y) in y.chunks_mut(LANES).enumerate() {
-                let sums = block.slices.spread(s, arms, x);
-                for (lane, y) in y.iter_mut().enumerate() {
-                    set(number * ROWS + s * LANES + lane, sums.map(|sums| sums.0[lane]), y);
-                }
+            let mut sums = [[0.0; ROWS]; S];
+            block.slices.spread(std::array::from_fn(|s| arms.arms[s].as_slice()), x, sums.each_mut().map(|sums| sums.as_mut_slice()));
+            for (k, y) in y.iter_mut().enumerate() {
+                set(number * ROWS + k, std::array::from_fn(|s| sums[s][k]), y);
             }
         });
     }
 
     /// `set(i, Σ_j Σ_s arm_s,ij x_j,s, &mut y_i)` for every row.
-    #[inline]
     pub fn join_arms<const S: usize, T: Send>(&self, arms: &Arms<S>, x: &[[f32; S]], y: &mut [T], set: impl Fn(usize, f32, &mut T) + Sync) {
         self.by_block(y, |number, y| {
             let (block, arms) = (&self.blocks[number], &arms.blocks[number]);
-            let arms: [&[Lanes<f32>]; S] = std::array::from_fn(|s| arms.arms[s].as_slice());
-            for (s, y) in y.chunks_mut(LANES).enumerate() {
-                let sums = block.slices.join(s, arms, x);
-                for (lane, y) in y.iter_mut().enumerate() {
-                    set(number * ROWS + s * LANES + lane, sums.0[lane], y);
-                }
+            let mut sums = [0.0; ROWS];
+            block.slices.join(std::array::from_fn(|s| arms.arms[s].as_slice()), x, &mut sums);
+            for (k, (y, sum)) in y.iter_mut().zip(sums).enumerate() {
+                set(number * ROWS + k, sum, y);
             }
         });
     }

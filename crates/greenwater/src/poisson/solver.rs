@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::dense::DenseLu;
 use super::krylov::{self, Stuck, System, Vectors};
 use super::preconditioner::Preconditioner;
-use super::{CsrMatrix, Sliced, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
+use super::{CsrMatrix, PreconditionerKind, Sliced, SolveError, SolveReport, SolverMethod, SolverSettings};
 use crate::reduce::norm;
 
 /// Largest asymmetry (see [`CsrMatrix::asymmetry`]) of a matrix that CG accepts: rounding, with room to spare.
@@ -121,7 +121,7 @@ impl LinearSolver {
         let (mut from, mut before) = (f64::NAN, 0);
         loop {
             self.vectors.r.copy_from_slice(b);
-            a.with_double(x, &mut self.vectors.r, |_, ax, r| *r -= ax);
+            a.with_double(x, &mut self.vectors.r, |ax, r| *r -= ax);
             let last = report.residual;
             report.residual = norm(&self.vectors.r) / size;
             if !(report.residual.is_finite() && size.is_normal()) {

@@ -21,7 +21,7 @@ use crate::neighbors::{Neighbors, PairColumn};
 use crate::particles::{Kind, Particles};
 use crate::physics::arrangement::{Arrangement, Place, across, known_along};
 use crate::physics::lattice::Lattice;
-use crate::poisson::{Arms, CsrMatrix, LinearSolver, SolveError, SolveReport, Sliced};
+use crate::poisson::{Arms, CsrMatrix, LinearSolver, Sliced, SolveError, SolveReport};
 use crate::reduce::norm;
 use crate::sweep::{largest, sweep, sweep2, update};
 use crate::time::{Phases, StepLimit};
