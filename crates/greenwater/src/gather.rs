@@ -38,29 +38,26 @@ impl Slices {
         self.bound = 0;
     }
 
-    /// Appends a slice: `row(lane)` answers the columns of a lane; `own(lane)` is what it is filled up with.
-    pub fn push<'a>(&mut self, own: impl Fn(usize) -> u32, row: impl Fn(usize) -> &'a [u32]) {
-        let start = self.columns.len();
-        let length = (0..LANES).map(|lane| row(lane).len()).max().unwrap_or(0);
-        let fill = Lanes(std::array::from_fn(&own));
-        self.columns.resize(start + length, fill);
-        let mut bound = 0;
-        for lane in 0..LANES {
-            bound = bound.max(own(lane));
-            for (k, &column) in row(lane).iter().enumerate() {
-                self.columns[start + k].0[lane] = column;
-                bound = bound.max(column);
-            }
-        }
-        // Gathers take 32-bit indices with a sign.
-        assert!(bound < i32::MAX as u32, "column {bound} does not fit an index");
-        self.bound = self.bound.max(bound as usize + 1);
-        self.ends.push(self.columns.len() as u32);
+    /// Appends an entry to each row of the slice that is open: the row itself, until [set](Self::set) to another column.
+    #[inline]
+    pub fn grow(&mut self, own: &Lanes<u32>) {
+        let last = own.0.iter().fold(0, |last, &column| last.max(column));
+        self.bound = self.bound.max(last as usize + 1);
+        self.columns.push(*own);
     }
 
-    /// Entries of every lane, all slices together.
-    pub fn groups(&self) -> usize {
-        self.columns.len()
+    /// Sets the column of a lane in an entry.
+    #[inline(always)]
+    pub fn set(&mut self, entry: usize, lane: usize, column: u32) {
+        self.columns[entry].0[lane] = column;
+        self.bound = self.bound.max(column as usize + 1);
+    }
+
+    /// Ends the slice that is open.
+    pub fn close(&mut self) {
+        // Gathers take 32-bit indices with a sign.
+        assert!(self.bound < i32::MAX as usize, "column {} does not fit an index", self.bound - 1);
+        self.ends.push(self.columns.len() as u32);
     }
 
     /// The entries of slice `s`.
@@ -551,10 +548,17 @@ mod tests {
     fn slice() -> (Slices, [Vec<Lanes<f32>>; 2]) {
         let rows: Vec<Vec<u32>> = (0..LANES as u32).map(|i| (0..5 + i % 4).map(|k| (i * 37 + k * 11) % 100).collect()).collect();
         let mut slices = Slices::default();
-        slices.push(|lane| lane as u32, |lane| &rows[lane]);
+        let longest = rows.iter().map(Vec::len).max().unwrap();
+        for _ in 0..longest {
+            slices.grow(&Lanes(std::array::from_fn(|lane| lane as u32)));
+        }
+        for (lane, row) in rows.iter().enumerate() {
+            row.iter().enumerate().for_each(|(k, &column)| slices.set(k, lane, column));
+        }
+        slices.close();
         let weights = [0.1f32, -0.7].map(|scale| {
             let weight = |k: usize, lane: usize| if k < rows[lane].len() { scale * (1.0 + k as f32) / (2.0 + lane as f32) } else { 0.0 };
-            (0..slices.groups()).map(|k| Lanes(std::array::from_fn(|lane| weight(k, lane)))).collect()
+            (0..slices.columns.len()).map(|k| Lanes(std::array::from_fn(|lane| weight(k, lane)))).collect()
         });
         (slices, weights)
     }
@@ -600,7 +604,7 @@ mod tests {
         let wide_pairs: Vec<[f64; 2]> = pairs.iter().map(|pair| pair.map(f64::from)).collect();
         assert_eq!(slices.rise(0, w, &wide, &own[1]), portable::rise(columns, w, &wide, &own[1]));
         assert_eq!(slices.strain(0, w, &wide_pairs, &own), portable::strain(columns, w, &wide_pairs, &own));
-        let sum: f32 = (0..slices.groups()).map(|k| w[0][k].0[3] * x[columns[k].0[3] as usize]).sum();
+        let sum: f32 = (0..slices.columns.len()).map(|k| w[0][k].0[3] * x[columns[k].0[3] as usize]).sum();
         assert_eq!(expected.0[3], sum);
     }
 

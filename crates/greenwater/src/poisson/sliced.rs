@@ -35,14 +35,6 @@ struct Block {
     slices: Slices,
     weights: Vec<Lanes<f32>>,
     entries: usize,
-    staging: Staging,
-}
-
-/// Rows of a slice before they are interleaved.
-#[derive(Clone, Debug, Default)]
-struct Staging {
-    columns: [Vec<u32>; LANES],
-    weights: [Vec<f32>; LANES],
 }
 
 /// Further weights of the entries of a [`Sliced`] matrix, `S` each.
@@ -63,7 +55,6 @@ impl<const S: usize> Arms<S> {
 #[derive(Clone, Debug)]
 struct ArmBlock<const S: usize> {
     arms: [Vec<Lanes<f32>>; S],
-    staging: [Vec<[f32; S]>; LANES],
 }
 
 impl<const S: usize> Default for Arms<S> {
@@ -74,24 +65,42 @@ impl<const S: usize> Default for Arms<S> {
 
 impl<const S: usize> Default for ArmBlock<S> {
     fn default() -> Self {
-        Self { arms: std::array::from_fn(|_| Vec::new()), staging: std::array::from_fn(|_| Vec::new()) }
+        Self { arms: std::array::from_fn(|_| Vec::new()) }
     }
 }
 
 /// The row being filled.
 pub struct SlicedRow<'a, const S: usize> {
-    columns: &'a mut Vec<u32>,
-    weights: &'a mut Vec<f32>,
-    arms: &'a mut Vec<[f32; S]>,
+    slices: &'a mut Slices,
+    weights: &'a mut Vec<Lanes<f32>>,
+    arms: &'a mut [Vec<Lanes<f32>>; S],
+    /// What rows of the slice are filled up with.
+    own: &'a Lanes<u32>,
+    lane: usize,
+    /// Where the next entry goes.
+    next: usize,
+    /// Sums of the sizes of the weights, and of the squares of the arms.
+    size: f32,
+    square: f32,
 }
 
 impl<const S: usize> SlicedRow<'_, S> {
     /// Adds an entry; a column may come more than once, and may be the row's own.
     #[inline(always)]
     pub fn push(&mut self, column: usize, weight: f32, arms: [f32; S]) {
-        self.columns.push(column as u32);
-        self.weights.push(weight);
-        self.arms.push(arms);
+        if self.next == self.weights.len() {
+            self.slices.grow(self.own);
+            self.weights.push(Lanes::default());
+            self.arms.iter_mut().for_each(|arm| arm.push(Lanes::default()));
+        }
+        self.slices.set(self.next, self.lane, column as u32);
+        self.weights[self.next].0[self.lane] = weight;
+        self.size += weight.abs();
+        for (to, arm) in self.arms.iter_mut().zip(arms) {
+            to[self.next].0[self.lane] = arm;
+            self.square += arm * arm;
+        }
+        self.next += 1;
     }
 }
 
@@ -118,46 +127,25 @@ impl Sliced {
         let numbers = self.diagonal.par_chunks_mut(ROWS).zip(self.inverse.par_chunks_mut(ROWS)).zip(arms.squares.par_chunks_mut(ROWS));
         self.blocks.par_iter_mut().zip(&mut arms.blocks).zip(numbers).enumerate().for_each(
             |(number, ((block, arms), ((diagonal, inverse), squares)))| {
-                let Block { slices, weights, entries, staging } = block;
+                let Block { slices, weights, entries } = block;
                 slices.clear();
                 weights.clear();
                 arms.arms.iter_mut().for_each(Vec::clear);
                 *entries = 0;
                 for first in (0..diagonal.len()).step_by(LANES) {
-                    for lane in 0..LANES {
-                        staging.columns[lane].clear();
-                        staging.weights[lane].clear();
-                        arms.staging[lane].clear();
-                        if first + lane < diagonal.len() {
-                            let mut row = SlicedRow {
-                                columns: &mut staging.columns[lane],
-                                weights: &mut staging.weights[lane],
-                                arms: &mut arms.staging[lane],
-                            };
-                            let i = number * ROWS + first + lane;
-                            let d = fill(i, &mut row);
-                            *entries += row.columns.len();
-                            diagonal[first + lane] = d;
-                            squares[first + lane] = row.arms.iter().flatten().map(|arm| arm * arm).sum();
-                            inverse[first + lane] = 1.0 / (d.abs() as f32 + row.weights.iter().map(|w| w.abs()).sum::<f32>());
-                        }
-                    }
-                    slices.push(|lane| (number * ROWS + first + lane).min(columns - 1) as u32, |lane| &staging.columns[lane]);
+                    let own = Lanes(std::array::from_fn(|lane| (number * ROWS + first + lane).min(columns - 1) as u32));
                     let start = weights.len();
-                    weights.resize(slices.groups(), Lanes::default());
-                    for (lane, row) in staging.weights.iter().enumerate() {
-                        for (to, &weight) in weights[start..].iter_mut().zip(row) {
-                            to.0[lane] = weight;
-                        }
+                    for (lane, at) in (first..diagonal.len().min(first + LANES)).enumerate() {
+                        let (arms, own) = (&mut arms.arms, &own);
+                        let mut row = SlicedRow { slices, weights, arms, own, lane, next: start, size: 0.0, square: 0.0 };
+                        let d = fill(number * ROWS + at, &mut row);
+                        let SlicedRow { next, size, square, .. } = row;
+                        *entries += next - start;
+                        diagonal[at] = d;
+                        inverse[at] = 1.0 / (d.abs() as f32 + size);
+                        squares[at] = square;
                     }
-                    for (s, arm) in arms.arms.iter_mut().enumerate() {
-                        arm.resize(slices.groups(), Lanes::default());
-                        for (lane, row) in arms.staging.iter().enumerate() {
-                            for (to, weights) in arm[start..].iter_mut().zip(row) {
-                                to.0[lane] = weights[s];
-                            }
-                        }
-                    }
+                    slices.close();
                 }
             },
         );

@@ -16,14 +16,16 @@ use self::walls::Guarded;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
+use crate::lanes::{InstructionSet, Lanes, Record};
 use crate::math::{Vector, transform};
-use crate::neighbors::{Neighbors, PairColumn};
+use crate::neighbors::{NOBODY, Neighbors, PairColumn, RowsOfPairs};
 use crate::particles::{Kind, Particles};
 use crate::physics::arrangement::{Arrangement, Place, across, known_along};
 use crate::physics::lattice::Lattice;
+use crate::physics::pairs::{Pairs, record};
 use crate::poisson::{Arms, CsrMatrix, LinearSolver, Sliced, SolveError, SolveReport};
 use crate::reduce::norm;
-use crate::sweep::{largest, sweep, sweep2, update};
+use crate::sweep::{largest, sweep, sweep2, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::wall_normals;
 
@@ -57,6 +59,7 @@ struct Flow<const D: usize> {
     near: Neighbors<D>,
     /// `f` of each pair, 1/m².
     f: PairColumn,
+    sense: Sense,
     at: Vec<Arrangement<D>>,
     places: Vec<Place>,
     numbering: Numbering,
@@ -116,6 +119,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             settings,
             near: Neighbors::new(),
             f: PairColumn::default(),
+            sense: Sense::default(),
             at: Vec::new(),
             places: Vec::new(),
             numbering: Numbering::default(),
@@ -159,20 +163,18 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         let flow = &mut self.flow;
         let first = flow.walls_turn(p).then(|| wall_normals(kernel, &flow.near, p));
         flow.look_at_walls(p, domain, first.as_deref());
-        let (near, lattice, normals) = (&flow.near, &flow.lattice, &flow.normals);
         flow.at.resize(owned, Arrangement::alone());
         flow.places.resize(p.len(), Place::Inside);
-        near.fill_rows(&mut flow.f, &mut flow.at, |a, f| {
-            if p.is_fluid(a) {
-                return Arrangement::of(kernel, lattice, near, p, normals, a, |value| f.push(value));
-            }
-            near.for_each(a, |pair| f.push(-(0.5 * (p.mass[a] + p.mass[pair.b]) / rest) * kernel.dw_over_r(pair.r, pair.h)));
-            Arrangement::alone()
-        });
+        let lengths = flow.sense.fill(p, &flow.normals);
+        let (near, lattice) = (&flow.near, &flow.lattice);
+        let set = InstructionSet::of_this_machine();
+        let pairs = Pairs { set, kernel, near, records: &flow.sense.records, lengths: lengths.then_some(flow.sense.lengths.as_slice()) };
+        near.fill_rows(set, &mut flow.f, &mut flow.at, &Looking { pairs, lattice, p });
+        let f = &flow.f;
         if flow.settings.free_surface == FreeSurface::None {
             flow.at.iter_mut().for_each(|at| at.place = Place::Inside);
         } else {
-            let (at, places, f) = (&mut flow.at, &mut flow.places, &flow.f);
+            let (at, places) = (&mut flow.at, &mut flow.places);
             sweep(&mut places[..owned], |a| at[a].place);
             domain.refresh_column(places);
             update(at, |a, at| {
@@ -185,6 +187,55 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         let at = &flow.at;
         sweep2(&mut p.density[..owned], &mut p.surface[..owned], |a| (rest * at[a].filling, u8::from(at[a].place == Place::Surface)));
         Ok(())
+    }
+}
+
+/// What pairs are looked at through.
+#[derive(Debug, Default)]
+struct Sense {
+    /// One a particle, with velocities of fluid and normals of walls, and nobody.
+    records: Vec<Record>,
+    /// Smoothing lengths, m, where they differ.
+    lengths: Vec<f64>,
+}
+
+impl Sense {
+    /// Takes over positions, masses, velocities and normals; whether smoothing lengths differ.
+    fn fill<const D: usize>(&mut self, p: &Particles<D>, normals: &[Vector<D>]) -> bool {
+        self.records.resize(p.len() + 1, NOBODY);
+        sweep(&mut self.records[..p.len()], |a| {
+            if p.is_fluid(a) { record(p.x[a], p.v[a], 0.0, p.mass[a], false) } else { record(p.x[a], normals[a], 0.0, p.mass[a], true) }
+        });
+        self.records[p.len()] = NOBODY;
+        let differ = p.h_min() < p.h_max();
+        self.lengths.clear();
+        if differ {
+            self.lengths.extend_from_slice(&p.h);
+            self.lengths.push(p.h_max());
+        }
+        differ
+    }
+}
+
+/// What the arrangement of its neighbours says about each particle, and `f` of each pair.
+struct Looking<'a, K, const D: usize> {
+    pairs: Pairs<'a, K, D>,
+    lattice: &'a Lattice,
+    p: &'a Particles<D>,
+}
+
+impl<K: Kernel<D>, const D: usize> RowsOfPairs<Arrangement<D>> for Looking<'_, K, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, f: &mut Vec<f64>) -> Arrangement<D> {
+        let Self { pairs, lattice, p } = self;
+        if p.is_fluid(a) {
+            return Arrangement::of::<_, L>(pairs, lattice, a, Some(f));
+        }
+        let half_over_rest = 0.5 / lattice.rest_density;
+        pairs.near.for_each(a, |pair| {
+            f.push(-half_over_rest * (p.mass[a] + p.mass[pair.b]) * pairs.kernel.dw_over_r(pair.r, pair.h));
+        });
+        Arrangement::alone()
     }
 }
 
@@ -205,11 +256,11 @@ impl<const D: usize> Flow<D> {
     /// linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
     /// particles, `2(D+2) ν f (v_ab·x_ab) x_ab/r²` with `ν = dissipation · h U/8` (Monaghan 1992).
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
-        let mut total = Vector::ZERO;
         let nu = self.diffusivity();
         let numerical = 2.0 * (D as f64 + 2.0) * self.settings.dissipation * self.near.h(a) * speed / 8.0;
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
-        if nu == 0.0 && numerical == 0.0 {
+        let mut total = -numerical * self.at[a].approach;
+        if nu == 0.0 {
             return total;
         }
         let (mut linear, uneven) = (Vector::ZERO, transform(&self.at[a].correction, self.at[a].slope));
@@ -218,11 +269,7 @@ impl<const D: usize> Flow<D> {
                 let v_ab = p.v[a] - p.v[b];
                 total -= 2.0 * nu * f * v_ab;
                 linear += f * uneven.dot(x_ab) * v_ab;
-                let approach = v_ab.dot(x_ab);
-                if approach < 0.0 {
-                    total -= (numerical * f * approach / x_ab.norm_squared()) * x_ab;
-                }
-            } else if sticks && nu > 0.0 {
+            } else if sticks {
                 let drag = self.drag(p, a, b, x_ab, f);
                 total += nu * drag;
                 linear -= 0.5 * uneven.dot(known_along(x_ab, self.normals[b])) * drag;
@@ -647,16 +694,22 @@ impl<const D: usize> Flow<D> {
             let (medium, at) = ((self.medium.gravity, self.medium.spacing), &self.at);
             self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, medium, (dt, kick), &mut moved);
             self.moved = moved;
-            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.acceleration[a] = (self.moved[a].v - p.v[a]) / kick;
-                p.v[a] = self.moved[a].v;
-            }
+            let (moved, kind) = (&self.moved, &p.kind);
+            update2(&mut p.acceleration[..owned], &mut p.v[..owned], |a, acceleration, v| {
+                if kind[a] == Kind::Fluid {
+                    *acceleration = (moved[a].v - *v) / kick;
+                    *v = moved[a].v;
+                }
+            });
             p.pressure.clone_from(&self.pressure);
             self.wall_pressures(p);
             self.wall_forces(p, domain, kick);
-            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.x[a] = self.moved[a].x;
-            }
+            let (moved, kind) = (&self.moved, &p.kind);
+            update(&mut p.x[..owned], |a, x| {
+                if kind[a] == Kind::Fluid {
+                    *x = moved[a].x;
+                }
+            });
         });
         self.dt_before = Some(dt);
         Ok(report)
@@ -731,9 +784,8 @@ impl<const D: usize> Flow<D> {
             });
             self.rise = rise;
             self.v_next = std::mem::replace(&mut self.v, next);
-            for (total, part) in self.pressure.iter_mut().zip(&self.solution) {
-                *total += part;
-            }
+            let solution = &self.solution;
+            update(&mut self.pressure, |a, total| *total += solution[a]);
         }
         domain.refresh_column(&mut self.v);
         Ok(StepReport { iterations: Some(iterations), residual: Some(residual) })
