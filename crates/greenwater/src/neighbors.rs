@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::lanes::{LANES, Lanes, Record};
+use crate::lanes::{InstructionSet, Job, LANES, Lanes, Record, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 use crate::sweep::BLOCK;
@@ -103,6 +103,12 @@ pub(crate) trait Term<L: Lanes, const D: usize> {
 
     /// Adds the terms of eight neighbours, lane by lane.
     fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Self::Totals);
+}
+
+/// What is found for each row and each of its pairs; `row` must be `#[inline(always)]`, see [`Job`].
+pub(crate) trait RowsOfPairs<T>: Sync {
+    /// Pushes a value for each neighbour of `a`, in the order of [`Neighbors::for_each`], whole eights or not; answers what belongs to `a`.
+    fn row<L: Lanes>(&self, a: usize, values: &mut Vec<f64>) -> T;
 }
 
 /// The record behind all others: nobody, out of everyone's reach. 1e30 m: its square is a number, too.
@@ -263,6 +269,32 @@ impl<const D: usize> Neighbors<D> {
                 self.for_each(a, |pair| values.push(value(a, &pair)));
                 values.resize(values.len().next_multiple_of(LANES), 0.0);
             }
+        });
+    }
+
+    /// Fills a column row by row and finds something else for each row, with vectors of any kind; see [`RowsOfPairs`].
+    pub(crate) fn fill_rows<T: Send, R: RowsOfPairs<T>>(&self, set: InstructionSet, column: &mut PairColumn, out: &mut [T], rows: &R) {
+        struct Block<'a, T, R> {
+            start: usize,
+            values: &'a mut Vec<f64>,
+            out: &'a mut [T],
+            rows: &'a R,
+        }
+
+        impl<T, R: RowsOfPairs<T>> Job for Block<'_, T, R> {
+            #[inline(always)]
+            fn run<L: Lanes>(self) {
+                for (i, out) in self.out.iter_mut().enumerate() {
+                    *out = self.rows.row::<L>(self.start + i, self.values);
+                    self.values.resize(self.values.len().next_multiple_of(LANES), 0.0);
+                }
+            }
+        }
+
+        column.segments.resize_with(self.segments.len(), Vec::new);
+        column.segments.par_iter_mut().zip(out.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (values, out))| {
+            values.clear();
+            dispatch(set, Block { start: block * BLOCK, values, out, rows });
         });
     }
 
