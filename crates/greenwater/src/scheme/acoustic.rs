@@ -659,6 +659,6 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
             }
             p.force[a] = self.wall_force[a];
         }
-        Ok(StepReport::default())
+        Ok(StepReport { evaluations: Some(count as usize), listed_pairs: Some(self.near.pairs()), ..StepReport::default() })
     }
 }
