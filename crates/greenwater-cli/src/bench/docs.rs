@@ -39,7 +39,10 @@ const PEERS_ORIGIN: &str = "DualSPHysics 5.4 (single precision, -O3 -march=nativ
 pub fn text(document: &Document) -> String {
     let documents = [document.clone()];
     let rows = latest(&documents);
-    let tables: Vec<Table> = tables(&rows).into_iter().map(|(_, table)| table).collect();
+    // One document: its day and machine stand above, once.
+    let unstamped =
+        |table: Table| Table { caption: table.caption.rsplit_once("Measured ").map_or("", |(text, _)| text).to_owned(), ..table };
+    let tables: Vec<Table> = tables(&rows).into_iter().map(|(_, table)| unstamped(table)).collect();
     let mut text = format!("{}\n\n{}", stamp(document), summary::text(&tables));
     let goals = goals(&rows);
     if !goals.rows.is_empty() {
@@ -84,8 +87,10 @@ fn stamp(document: &Document) -> String {
     let cpu = machine.and_then(|m| m.get("cpu")).and_then(Value::as_str).unwrap_or("an unknown machine").to_owned();
     let cores = machine.and_then(|m| m.get("cores")).and_then(Value::as_u64).unwrap_or(0);
     let quick = if document.extra.get("quick") == Some(&Value::Bool(true)) { ", quick" } else { "" };
+    let load = document.extra.get("load_average").and_then(Value::as_f64);
+    let load = load.map_or_else(String::new, |load| format!(", load {load:.1}"));
     let debug = if word("build") == "debug" { ", debug build" } else { "" };
-    format!("{}, commit {}, {cpu}, {cores} cores{quick}{debug}", word("date"), word("commit"))
+    format!("{}, commit {}, {cpu}, {cores} cores{load}{quick}{debug}", word("date"), word("commit"))
 }
 
 fn page(rows: &[Row]) -> String {
@@ -93,7 +98,7 @@ fn page(rows: &[Row]) -> String {
         <!-- Made by `greenwater bench page --history docs/bench-history.jsonl --docs docs/src/speed.md`. Edit crates/greenwater-cli/src/bench/docs.rs, \
         not this page. -->\n\n\
         `greenwater bench step`, `neighbors`, `poisson` and `impact` measure fixed workloads (`--list` names them); with `--history FILE` each adds a line of \
-        JSON to a file, and this page shows the newest numbers of `docs/bench-history.jsonl`. Under each table stand day, commit and machine.\n\n\
+        JSON to a file, and this page shows the newest numbers of `docs/bench-history.jsonl`. Under each table stand day, commit, machine, and how many processes wanted to run in the minute before (load).\n\n\
         Times are the least of several repetitions: what else a machine does can only add to them. Each number stands beside a yardstick of the same run: the \
         *plain loop*, which is what a good engineer writes first (cell list, list of neighbours, one scalar loop in double precision with every term of the \
         method, one thread; `bench/naive.rs`, held to the library to round-off by a test), and two ceilings of the machine.\n\n\
@@ -115,11 +120,11 @@ fn page(rows: &[Row]) -> String {
         for (name, title) in impact::FIGURES {
             let _ = writeln!(page, "![{title} sqrt(H/g): error against wall time](figures/{name}.svg)\n");
         }
-        let _ = write!(
+        let _ = writeln!(
             page,
             "Case `dam-break-impact` of the validation suite. The error is the sum of the errors at the four sensors over the sum of the references \
              (the converged inviscid solution), so that a sensor counts as much as it feels; the errors at the sensors stand in the table. Points of interFoam: \
-             {}.\n",
+             {}.",
             impact::FOAM_ORIGIN
         );
     }
@@ -262,10 +267,11 @@ fn delta_table(rows: &[&Row]) -> Table {
         "of the bandwidth",
         "over one thread",
         "B/particle (allowed)",
+        "processor",
         "beside",
     ];
     let caption = format!(
-        "Plain step: plain list and plain loop once an evaluation. Shares of the ceilings count the operations and bytes that the pair loops need at the least. {PEERS_ORIGIN}"
+        "Plain step: plain list and plain loop once an evaluation. Processor: how much of its threads' time the program got; what is missing went to others. Shares of the ceilings count the operations and bytes that the pair loops need at the least. {PEERS_ORIGIN}"
     );
     table(&caption, &head, rows, |r| {
         let allowed = extra(r, "bytes_per_particle_allowed").map_or(String::new(), |allowed| format!(" ({allowed:.0})"));
@@ -281,6 +287,7 @@ fn delta_table(rows: &[&Row]) -> Table {
             percent(extra(r, "bandwidth_share")),
             cell(extra(r, "speed_up")),
             format!("{:.0}{allowed}", r.bytes_per_particle.unwrap_or(f64::NAN)),
+            percent(extra(r, "processor_share")),
             peer(r),
         ]
     })
@@ -297,6 +304,7 @@ fn isph_table(rows: &[&Row], all: &[Row]) -> Table {
         "steps of delta-sph it costs",
         "over one thread",
         "B/particle (allowed)",
+        "processor",
         "beside",
     ];
     let caption = "Steps of delta-sph: particle-steps of the plane workload of the nearest size, on as many threads.";
@@ -312,6 +320,7 @@ fn isph_table(rows: &[&Row], all: &[Row]) -> Table {
             cell(sweeps(r, all)),
             cell(extra(r, "speed_up")),
             format!("{:.0}{allowed}", r.bytes_per_particle.unwrap_or(f64::NAN)),
+            percent(extra(r, "processor_share")),
             peer(r),
         ]
     })

@@ -75,6 +75,10 @@ pub fn measure<'a>(
                 let once = matrix.rows() >= ONCE_FROM && preconditioner != PreconditionerKind::Multigrid;
                 let plan = if once { Plan { repeats: 1, seconds: 0.0, ..plan.clone() } } else { plan.clone() };
                 let (times, report, bytes, product) = with_threads(threads, || -> Result<_, BenchError> {
+                    if !once {
+                        // The first solve of a program wakes threads and fills caches.
+                        solve(&matrix, &source, preconditioner)?;
+                    }
                     let before = memory::held();
                     memory::forget_most();
                     let (times, report) = repeated(&plan, || Ok(solve(&matrix, &source, preconditioner)?))?;

@@ -60,21 +60,23 @@ impl List {
         self.rows.clear();
         self.starts.push(0);
         for a in 0..p.owned() {
-            let home = cell(p.x[a]);
-            let low = home.map(|c| c.saturating_sub(1));
-            let high: [usize; D] = std::array::from_fn(|d| (home[d] + 1).min(cells[d] - 1));
-            let mut at = low;
-            while p.kind[a] != Kind::Lost {
-                let c = index(at);
-                for &b in &sorted[first[c]..first[c + 1]] {
-                    let x_ab = p.x[a] - p.x[b as usize];
-                    if b as usize != a && x_ab.dot(x_ab) <= reach * reach && p.kind[b as usize] != Kind::Lost {
-                        self.rows.push(b);
+            if p.kind[a] != Kind::Lost {
+                let home = cell(p.x[a]);
+                let low = home.map(|c| c.saturating_sub(1));
+                let high: [usize; D] = std::array::from_fn(|d| (home[d] + 1).min(cells[d] - 1));
+                let mut at = low;
+                loop {
+                    let c = index(at);
+                    for &b in &sorted[first[c]..first[c + 1]] {
+                        let x_ab = p.x[a] - p.x[b as usize];
+                        if b as usize != a && x_ab.dot(x_ab) <= reach * reach && p.kind[b as usize] != Kind::Lost {
+                            self.rows.push(b);
+                        }
                     }
+                    let Some(d) = (0..D).rev().find(|&d| at[d] < high[d]) else { break };
+                    at[d] += 1;
+                    at[d + 1..].copy_from_slice(&low[d + 1..]);
                 }
-                let Some(d) = (0..D).rev().find(|&d| at[d] < high[d]) else { break };
-                at[d] += 1;
-                at[d + 1..].copy_from_slice(&low[d + 1..]);
             }
             self.starts.push(self.rows.len());
         }

@@ -14,12 +14,15 @@ pub struct Session {
     /// What the machine can do at most, by number of threads.
     pub ceilings: Vec<Ceiling>,
     quick: bool,
+    /// Processes that wanted to run in the minute before; none where the system does not say.
+    load: Option<f64>,
 }
 
 impl Session {
     /// This machine, with its ceilings measured.
     pub fn here(plan: &Plan, clock: &Clock) -> Result<Self, BenchError> {
-        Ok(Self { ceilings: ceilings::measure(plan, clock)?, quick: plan.quick })
+        let load = load_average();
+        Ok(Self { ceilings: ceilings::measure(plan, clock)?, quick: plan.quick, load })
     }
 
     /// The ceilings for a number of threads.
@@ -36,9 +39,25 @@ impl Session {
             ("machine".to_owned(), json!(Machine::here())),
             ("build".to_owned(), json!(build)),
             ("quick".to_owned(), json!(self.quick)),
+            ("load_average".to_owned(), json!(self.load)),
             ("ceilings".to_owned(), json!(self.ceilings)),
         ])
     }
+}
+
+fn load_average() -> Option<f64> {
+    std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
+}
+
+/// Seconds that the processors have given to all threads of this program; none where the system does not say. Over wall time it tells how
+/// much of the machine a measurement got.
+pub fn processor_seconds() -> Option<f64> {
+    let of_thread = |entry: std::fs::DirEntry| -> Option<f64> {
+        let text = std::fs::read_to_string(entry.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<f64>().ok()
+    };
+    let nanoseconds: f64 = std::fs::read_dir("/proc/self/task").ok()?.filter_map(|entry| of_thread(entry.ok()?)).sum();
+    (nanoseconds > 0.0).then_some(1e-9 * nanoseconds)
 }
 
 /// The commit of the sources, `-dirty` where they were changed since; `unknown` for a program away from its sources.

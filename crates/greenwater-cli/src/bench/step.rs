@@ -12,17 +12,20 @@ use serde_json::{Map, json};
 
 use super::naive::{Constants, List, Sums, operations_a_pair};
 use super::record::{Record, Seconds};
-use super::session::Session;
+use super::session::{Session, processor_seconds};
 use super::workloads::Flow;
 use super::{BenchError, Clock, Plan, memory, repeated, with_threads};
 
 /// Phases of a weakly compressible step that go through the pairs of an evaluation: forces, and rates of density.
 const PAIR_LOOPS: [&str; 2] = ["forces", "density"];
 
-/// A list that lives for a second of flow is timed at the same state for all numbers of threads: the plain loop runs once.
+/// What the plain list and loop gave, on one thread: once for a flow, whatever the threads.
 struct Twin {
+    /// Time of the list, s.
     list: f64,
+    /// Time of the loop, s.
     sums: f64,
+    /// Pairs from the side of the fluid.
     pairs: usize,
 }
 
@@ -42,6 +45,9 @@ struct Timed {
     /// Most bytes held.
     bytes: usize,
     flow_time: f64,
+    /// Wall time of all of it, s, and the processor time that the program got in it, s.
+    wall: f64,
+    given: Option<f64>,
 }
 
 /// Times every flow with every number of threads.
@@ -100,12 +106,14 @@ fn time<const D: usize>(
         phases: Vec::new(),
         bytes: 0,
         flow_time: 0.0,
+        wall: 0.0,
+        given: None,
     };
     let phases_before: Vec<(&str, f64)> = simulation.phases().iter().collect();
     let in_loops = |simulation: &Simulation<D>| -> f64 {
         simulation.phases().iter().filter(|(name, _)| PAIR_LOOPS.contains(name)).map(|(_, seconds)| seconds).sum()
     };
-    let started = Instant::now();
+    let (started, given) = (Instant::now(), processor_seconds());
     loop {
         let loops = in_loops(&simulation);
         let clock = Instant::now();
@@ -123,6 +131,8 @@ fn time<const D: usize>(
     let since = |(name, seconds): (&'static str, f64)| {
         (name, seconds - phases_before.iter().find(|(known, _)| *known == name).map_or(0.0, |(_, before)| *before))
     };
+    timed.wall = started.elapsed().as_secs_f64();
+    timed.given = given.zip(processor_seconds()).map(|(before, after)| after - before);
     timed.phases = simulation.phases().iter().map(since).collect();
     timed.bytes = memory::most().saturating_sub(before);
     timed.flow_time = simulation.time();
@@ -173,6 +183,9 @@ fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, sessi
         ("seconds_a_step".to_owned(), json!(total / timed.steps.len() as f64)),
         ("flow_time".to_owned(), json!(timed.flow_time)),
     ]);
+    if let Some(given) = timed.given {
+        extra.insert("processor_share".into(), json!(given / (timed.wall * threads as f64)));
+    }
     if let Some(listed) = timed.listed {
         extra.insert("listed_pairs".into(), json!(listed));
         // What the project allows itself: a base for each particle, and some bytes for each listed neighbour.
