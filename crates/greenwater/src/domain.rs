@@ -1,5 +1,6 @@
 //! The box the flow lives in: its bounds, and the periodic images of particles near its faces.
 
+use crate::lanes::Record;
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 
@@ -72,6 +73,19 @@ impl<const D: usize> Domain<D> {
         let (real, ghosts) = x.split_at_mut(owned);
         for (ghost, (&parent, &shift)) in ghosts.iter_mut().zip(self.parents.iter().zip(&self.shifts)) {
             *ghost = real[parent as usize] + shift;
+        }
+    }
+
+    /// Makes the records of ghosts those of their parents, each in its own place.
+    pub(crate) fn refresh_records(&self, records: &mut [Record]) {
+        // Nobody stands behind the ghosts.
+        let owned = records.len() - self.parents.len() - 1;
+        for (i, (&parent, shift)) in self.parents.iter().zip(&self.shifts).enumerate() {
+            let mut image = records[parent as usize];
+            for d in 0..D {
+                image.0[d] += shift[d];
+            }
+            records[owned + i] = image;
         }
     }
 

@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
+use crate::lanes::Real;
 use crate::math::{cube, power};
 
 /// A smoothing kernel in `D` dimensions: compact support, unit integral, a delta function for `h → 0`.
@@ -19,34 +20,30 @@ pub trait Kernel<const D: usize>: Copy + Send + Sync + 'static {
     fn sigma(self) -> f64;
 
     /// Shape `f(q)`, dimensionless.
-    fn shape(self, q: f64) -> f64;
+    fn shape<L: Real>(self, q: L) -> L;
 
     /// `f'(q)/q`, dimensionless; finite at `q = 0` for every kernel here.
-    fn slope_over_q(self, q: f64) -> f64;
+    fn slope_over_q<L: Real>(self, q: L) -> L;
 
     /// `W(r, h)`, in m⁻ᴰ, for `r` and `h` in m.
     #[inline(always)]
-    fn w(self, r: f64, h: f64) -> f64 {
-        let inverse = 1.0 / h;
-        self.sigma() * power_of_dimension::<D>(inverse) * self.shape(r * inverse)
+    fn w<L: Real>(self, r: L, h: L) -> L {
+        let inverse = L::splat(1.0) / h;
+        power(inverse, D as u32) * self.sigma() * self.shape(r * inverse)
     }
 
     /// `W'(r)/r`, in m⁻ᴰ⁻²: never positive, finite at `r = 0`, so that `∇W` needs no special case.
     #[inline(always)]
-    fn dw_over_r(self, r: f64, h: f64) -> f64 {
-        let inverse = 1.0 / h;
-        self.sigma() * power_of_dimension::<D>(inverse) * inverse * inverse * self.slope_over_q(r * inverse)
+    fn dw_over_r<L: Real>(self, r: L, h: L) -> L {
+        let inverse = L::splat(1.0) / h;
+        power(inverse, D as u32 + 2) * self.sigma() * self.slope_over_q(r * inverse)
     }
 }
 
-/// `x` to the power `D`, as products.
+/// `x` where it is positive, else 0.
 #[inline(always)]
-fn power_of_dimension<const D: usize>(x: f64) -> f64 {
-    match D {
-        1 => x,
-        2 => x * x,
-        _ => x * x * x,
-    }
+fn positive<L: Real>(x: L) -> L {
+    x.at_least(L::splat(0.0))
 }
 
 /// Picks the constant of dimension `D` out of three.
@@ -78,17 +75,17 @@ impl<const D: usize> Kernel<D> for CubicSpline {
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        let t = (2.0 - q).max(0.0);
-        let outer = t * t * t / 6.0;
-        let inner = 2.0 / 3.0 - q * q + 0.5 * q * q * q;
-        if q <= 1.0 { inner } else { outer }
+    fn shape<L: Real>(self, q: L) -> L {
+        let t = positive(-q + 2.0);
+        let outer = t * t * t * (1.0 / 6.0);
+        let inner = q * q * (q * 0.5 - 1.0) + 2.0 / 3.0;
+        L::choose(L::splat(1.0).below(q), outer, inner)
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
-        let t = (2.0 - q).max(0.0);
-        if q <= 1.0 { 1.5 * q - 2.0 } else { -0.5 * t * t / q }
+    fn slope_over_q<L: Real>(self, q: L) -> L {
+        let t = positive(-q + 2.0);
+        L::choose(L::splat(1.0).below(q), t * t * -0.5 / q, q * 1.5 - 2.0)
     }
 }
 
@@ -118,13 +115,13 @@ impl<const D: usize> Kernel<D> for Gaussian {
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        if q < 3.0 { (-q * q).exp() } else { 0.0 }
+    fn shape<L: Real>(self, q: L) -> L {
+        L::choose(q.below(L::splat(3.0)), (-q * q).each(f64::exp), L::splat(0.0))
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
-        if q < 3.0 { -2.0 * (-q * q).exp() } else { 0.0 }
+    fn slope_over_q<L: Real>(self, q: L) -> L {
+        L::choose(q.below(L::splat(3.0)), (-q * q).each(f64::exp) * -2.0, L::splat(0.0))
     }
 }
 
@@ -146,20 +143,16 @@ impl<const D: usize> Kernel<D> for QuarticSpline {
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        let (a, b, c) = ((2.5 - q).max(0.0), (1.5 - q).max(0.0), (0.5 - q).max(0.0));
-        power(a, 4) - 5.0 * power(b, 4) + 10.0 * power(c, 4)
+    fn shape<L: Real>(self, q: L) -> L {
+        let (a, b, c) = (positive(-q + 2.5), positive(-q + 1.5), positive(-q + 0.5));
+        power(a, 4) - power(b, 4) * 5.0 + power(c, 4) * 10.0
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
+    fn slope_over_q<L: Real>(self, q: L) -> L {
         // The three pieces added up, divided by q: no special case at q = 0.
-        if q < 0.5 {
-            24.0 * q * q - 30.0
-        } else {
-            let (a, b) = ((2.5 - q).max(0.0), (1.5 - q).max(0.0));
-            -4.0 * (cube(a) - 5.0 * cube(b)) / q
-        }
+        let (a, b) = (positive(-q + 2.5), positive(-q + 1.5));
+        L::choose(q.below(L::splat(0.5)), q * q * 24.0 - 30.0, (cube(a) - cube(b) * 5.0) * -4.0 / q)
     }
 }
 
@@ -182,20 +175,17 @@ impl<const D: usize> Kernel<D> for QuinticSpline {
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        let (a, b, c) = ((3.0 - q).max(0.0), (2.0 - q).max(0.0), (1.0 - q).max(0.0));
-        power(a, 5) - 6.0 * power(b, 5) + 15.0 * power(c, 5)
+    fn shape<L: Real>(self, q: L) -> L {
+        let (a, b, c) = (positive(-q + 3.0), positive(-q + 2.0), positive(-q + 1.0));
+        power(a, 5) - power(b, 5) * 6.0 + power(c, 5) * 15.0
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
-        if q < 1.0 {
-            // As above: the three pieces added up, divided by q.
-            -120.0 + 120.0 * q * q - 50.0 * q * q * q
-        } else {
-            let (a, b) = ((3.0 - q).max(0.0), (2.0 - q).max(0.0));
-            -5.0 * (power(a, 4) - 6.0 * power(b, 4)) / q
-        }
+    fn slope_over_q<L: Real>(self, q: L) -> L {
+        // As above: the three pieces added up, divided by q.
+        let inner = q * q * (q * -50.0 + 120.0) - 120.0;
+        let (a, b) = (positive(-q + 3.0), positive(-q + 2.0));
+        L::choose(q.below(L::splat(1.0)), inner, (power(a, 4) - power(b, 4) * 6.0) * -5.0 / q)
     }
 }
 
@@ -218,15 +208,15 @@ impl<const D: usize> Kernel<D> for WendlandC2 {
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 { cube(t) * (1.0 + 1.5 * q) } else { power(t, 4) * (1.0 + 2.0 * q) }
+    fn shape<L: Real>(self, q: L) -> L {
+        let t = positive(q * -0.5 + 1.0);
+        if D == 1 { cube(t) * (q * 1.5 + 1.0) } else { power(t, 4) * (q * 2.0 + 1.0) }
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
-        let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 { -3.0 * t * t } else { -5.0 * cube(t) }
+    fn slope_over_q<L: Real>(self, q: L) -> L {
+        let t = positive(q * -0.5 + 1.0);
+        if D == 1 { t * t * -3.0 } else { cube(t) * -5.0 }
     }
 }
 
@@ -249,15 +239,15 @@ impl<const D: usize> Kernel<D> for WendlandC4 {
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 { power(t, 5) * (1.0 + 2.5 * q + 2.0 * q * q) } else { power(t, 6) * (1.0 + 3.0 * q + 35.0 / 12.0 * q * q) }
+    fn shape<L: Real>(self, q: L) -> L {
+        let t = positive(q * -0.5 + 1.0);
+        if D == 1 { power(t, 5) * (q * (q * 2.0 + 2.5) + 1.0) } else { power(t, 6) * (q * (q * (35.0 / 12.0) + 3.0) + 1.0) }
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
-        let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 { -3.5 * power(t, 4) * (1.0 + 2.0 * q) } else { -14.0 / 3.0 * power(t, 5) * (1.0 + 2.5 * q) }
+    fn slope_over_q<L: Real>(self, q: L) -> L {
+        let t = positive(q * -0.5 + 1.0);
+        if D == 1 { power(t, 4) * (q * 2.0 + 1.0) * -3.5 } else { power(t, 5) * (q * 2.5 + 1.0) * (-14.0 / 3.0) }
     }
 }
 
@@ -280,19 +270,19 @@ impl<const D: usize> Kernel<D> for WendlandC6 {
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        let t = (1.0 - 0.5 * q).max(0.0);
+    fn shape<L: Real>(self, q: L) -> L {
+        let t = positive(q * -0.5 + 1.0);
         if D == 1 {
-            power(t, 7) * (1.0 + 3.5 * q + 4.75 * q * q + 2.625 * q * q * q)
+            power(t, 7) * (q * (q * (q * 2.625 + 4.75) + 3.5) + 1.0)
         } else {
-            power(t, 8) * (1.0 + 4.0 * q + 6.25 * q * q + 4.0 * q * q * q)
+            power(t, 8) * (q * (q * (q * 4.0 + 6.25) + 4.0) + 1.0)
         }
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
-        let t = (1.0 - 0.5 * q).max(0.0);
-        if D == 1 { -power(t, 6) * (4.5 + 13.5 * q + 13.125 * q * q) } else { -5.5 * power(t, 7) * (1.0 + 3.5 * q + 4.0 * q * q) }
+    fn slope_over_q<L: Real>(self, q: L) -> L {
+        let t = positive(q * -0.5 + 1.0);
+        if D == 1 { -power(t, 6) * (q * (q * 13.125 + 13.5) + 4.5) } else { power(t, 7) * (q * (q * 4.0 + 3.5) + 1.0) * -5.5 }
     }
 }
 
@@ -400,26 +390,37 @@ impl KernelName {
     }
 }
 
-/// Any kernel, told apart at every call. Pair loops with it are slower than with the kernel itself but have the same bits; they are
-/// what runs for kernels that no method takes by itself, so that not every loop is compiled for every kernel.
+/// Any kernel, told apart at every call, number by number. Pair loops with it are slower than with the kernel itself but have the same
+/// bits; they are what runs for kernels that no method takes by itself, so that not every loop is compiled for every kernel.
 impl<const D: usize> Kernel<D> for KernelName {
     #[inline(always)]
     fn radius(self) -> f64 {
         self.radius()
     }
 
-    #[inline(always)]
     fn sigma(self) -> f64 {
         with_kernel!(self, kernel => Kernel::<D>::sigma(kernel))
     }
 
     #[inline(always)]
-    fn shape(self, q: f64) -> f64 {
-        with_kernel!(self, kernel => Kernel::<D>::shape(kernel, q))
+    fn shape<L: Real>(self, q: L) -> L {
+        q.each(|q| self.shape_of_one::<D>(q))
     }
 
     #[inline(always)]
-    fn slope_over_q(self, q: f64) -> f64 {
+    fn slope_over_q<L: Real>(self, q: L) -> L {
+        q.each(|q| self.slope_of_one::<D>(q))
+    }
+}
+
+impl KernelName {
+    #[inline(never)]
+    fn shape_of_one<const D: usize>(self, q: f64) -> f64 {
+        with_kernel!(self, kernel => Kernel::<D>::shape(kernel, q))
+    }
+
+    #[inline(never)]
+    fn slope_of_one<const D: usize>(self, q: f64) -> f64 {
         with_kernel!(self, kernel => Kernel::<D>::slope_over_q(kernel, q))
     }
 }

@@ -4,6 +4,7 @@ pub mod case;
 pub mod domain;
 pub mod formula;
 pub mod kernel;
+pub mod lanes;
 pub mod machine;
 pub mod math;
 pub mod motion;

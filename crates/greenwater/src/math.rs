@@ -4,6 +4,8 @@ use std::ops::{Add, AddAssign, Div, Index, IndexMut, Mul, Neg, Sub, SubAssign};
 
 use serde::{Deserialize, Serialize};
 
+use crate::lanes::Real;
+
 /// A vector in `D` dimensions; component `d` is `v[d]`.
 ///
 /// Its unit is that of the quantity it holds. Serialised as a plain list of `D` numbers.
@@ -233,19 +235,19 @@ pub fn smallest_eigenvalue<const D: usize>(m: &Matrix<D>) -> f64 {
 
 /// The cube of `x`, as products (`powi` may round differently from build to build).
 #[inline(always)]
-pub(crate) fn cube(x: f64) -> f64 {
+pub(crate) fn cube<L: Real>(x: L) -> L {
     x * x * x
 }
 
 /// `x` to the whole power `n >= 0`, as products in a fixed order.
-#[inline]
-pub(crate) fn power(x: f64, n: u32) -> f64 {
-    let (mut result, mut base, mut left) = (1.0, x, n);
+#[inline(always)]
+pub(crate) fn power<L: Real>(x: L, n: u32) -> L {
+    let (mut result, mut base, mut left) = (L::splat(1.0), x, n);
     while left > 0 {
         if left & 1 == 1 {
-            result *= base;
+            result = result * base;
         }
-        base *= base;
+        base = base * base;
         left >>= 1;
     }
     result

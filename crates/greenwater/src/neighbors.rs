@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::lanes::{LANES, Lanes, Record};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 use crate::sweep::BLOCK;
@@ -56,16 +57,64 @@ pub struct Neighbors<const D: usize> {
     x: Vec<Vector<D>>,
     h: Vec<f64>,
     segments: Vec<Segment>,
+    /// The row behind all particles.
+    nobody: u32,
     grid: Grid<D>,
 }
 
-/// The neighbours of `BLOCK` consecutive particles.
+/// The neighbours of `BLOCK` consecutive particles. Those of a particle start at a multiple of [`LANES`]; what is left of the last
+/// eight is filled with the row behind all particles, where nobody is.
 #[derive(Clone, Debug, Default)]
 struct Segment {
     /// Where the neighbours of each particle end in `list`.
     ends: Vec<u32>,
     list: Vec<u32>,
 }
+
+impl Segment {
+    /// Where the neighbours of particle `i` of the segment stand in `list`.
+    #[inline(always)]
+    fn range(&self, i: usize) -> std::ops::Range<usize> {
+        let start = if i == 0 { 0 } else { (self.ends[i - 1] as usize).next_multiple_of(LANES) };
+        start..self.ends[i] as usize
+    }
+}
+
+/// Eight neighbours of a particle.
+pub(crate) struct Octet<'a, L, const D: usize> {
+    /// Their rows; one behind all particles where there are no eight.
+    pub rows: &'a [u32; LANES],
+    /// Their records.
+    pub fields: [L; LANES],
+    /// `x_a − x_b`, m.
+    pub x_ab: [L; D],
+    /// `|x_a − x_b|`, m.
+    pub r: L,
+}
+
+/// A term of a sum over neighbours, for eight of them; every method must be `#[inline(always)]`. Nothing may come of a neighbour
+/// farther away than the kernel reaches.
+pub(crate) trait Term<L: Lanes, const D: usize> {
+    /// What is added up.
+    type Totals;
+
+    /// A sum without terms.
+    fn nothing(&self) -> Self::Totals;
+
+    /// Adds the terms of eight neighbours, lane by lane.
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Self::Totals);
+}
+
+/// The record behind all others: nobody, out of everyone's reach. 1e30 m: its square is a number, too.
+pub(crate) const NOBODY: Record = {
+    let mut fields = [0.0; LANES];
+    let mut d = 0;
+    while d < 3 {
+        fields[d] = 1e30;
+        d += 1;
+    }
+    Record(fields)
+};
 
 /// A value for every listed pair, in the order of the lists: what many sums need and one sweep computes.
 #[derive(Clone, Debug, Default)]
@@ -96,6 +145,7 @@ impl<const D: usize> Neighbors<D> {
         }
         self.x.clone_from(&p.x);
         self.h.clone_from(&p.h);
+        self.nobody = p.len() as u32;
         self.segments.resize_with(p.owned().div_ceil(BLOCK), Segment::default);
         match search {
             Search::Direct => {
@@ -114,16 +164,18 @@ impl<const D: usize> Neighbors<D> {
 
     /// Fills the segments in parallel; `near(a, list)` appends the neighbours of `a` to `list`.
     fn list_by(&mut self, p: &Particles<D>, near: impl Fn(usize, &mut Vec<u32>) + Sync) {
-        let owned = p.owned();
+        let (owned, nobody) = (p.owned(), self.nobody);
         self.segments.par_iter_mut().enumerate().for_each(|(block, segment)| {
             segment.ends.clear();
             segment.list.clear();
             for a in block * BLOCK..owned.min((block + 1) * BLOCK) {
+                segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
                 if p.kind[a] != Kind::Lost {
                     near(a, &mut segment.list);
                 }
                 segment.ends.push(segment.list.len() as u32);
             }
+            segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
         });
     }
 
@@ -152,9 +204,35 @@ impl<const D: usize> Neighbors<D> {
     /// Rows of the neighbours of `a`.
     #[inline(always)]
     pub fn of(&self, a: usize) -> &[u32] {
-        let (segment, i) = (&self.segments[a / BLOCK], a % BLOCK);
-        let start = if i == 0 { 0 } else { segment.ends[i - 1] };
-        &segment.list[start as usize..segment.ends[i] as usize]
+        let segment = &self.segments[a / BLOCK];
+        &segment.list[segment.range(a % BLOCK)]
+    }
+
+    /// Rows of the neighbours of `a` by eights, the last ones filled up.
+    #[inline(always)]
+    fn octets(&self, a: usize) -> &[[u32; LANES]] {
+        let segment = &self.segments[a / BLOCK];
+        let range = segment.range(a % BLOCK);
+        segment.list[range.start..range.end.next_multiple_of(LANES)].as_chunks().0
+    }
+
+    /// The sum of `term` over the neighbours of `a`, eight at a time; its lanes are not yet added up. `records` hold one a particle and
+    /// [`NOBODY`] at the end, positions in the first fields.
+    #[inline(always)]
+    pub(crate) fn sum<L: Lanes, T: Term<L, D>>(&self, a: usize, records: &[Record], term: &T) -> T::Totals {
+        let own = records[a].0;
+        let mut totals = term.nothing();
+        for rows in self.octets(a) {
+            let fields = L::gather(records, rows);
+            let mut x_ab = [L::splat(0.0); D];
+            let mut square = L::splat(0.0);
+            for d in 0..D {
+                x_ab[d] = L::splat(own[d]) - fields[d];
+                square = x_ab[d].times_plus(x_ab[d], square);
+            }
+            term.add(&Octet { rows, fields, x_ab, r: square.root() }, &mut totals);
+        }
+        totals
     }
 
     /// Calls `each` with every neighbour of `a`, always in the same order.
@@ -183,6 +261,7 @@ impl<const D: usize> Neighbors<D> {
             for i in 0..segment.ends.len() {
                 let a = block * BLOCK + i;
                 self.for_each(a, |pair| values.push(value(a, &pair)));
+                values.resize(values.len().next_multiple_of(LANES), 0.0);
             }
         });
     }
@@ -193,10 +272,9 @@ impl<const D: usize> Neighbors<D> {
     pub fn for_each_with(&self, a: usize, column: &PairColumn, mut each: impl FnMut(usize, Vector<D>, f64)) {
         let (block, i) = (a / BLOCK, a % BLOCK);
         let segment = &self.segments[block];
-        let start = if i == 0 { 0 } else { segment.ends[i - 1] } as usize;
-        let end = segment.ends[i] as usize;
+        let range = segment.range(i);
         let x_a = self.x[a];
-        for (&b, &value) in segment.list[start..end].iter().zip(&column.segments[block][start..end]) {
+        for (&b, &value) in segment.list[range.clone()].iter().zip(&column.segments[block][range]) {
             let b = b as usize;
             each(b, x_a - self.x[b], value);
         }
@@ -210,7 +288,7 @@ impl<const D: usize> Neighbors<D> {
 
     /// Number of pairs, each counted from both sides (ghosts have no neighbours of their own).
     pub fn pairs(&self) -> usize {
-        self.segments.iter().map(|segment| segment.list.len()).sum()
+        self.segments.iter().flat_map(|segment| (0..segment.ends.len()).map(|i| segment.range(i).len())).sum()
     }
 
     /// Memory held, bytes.

@@ -8,6 +8,7 @@ pub mod correction;
 pub mod density;
 pub mod diffusion;
 pub mod lattice;
+pub(crate) mod pairs;
 pub mod pressure;
 pub mod shifting;
 pub mod state;

@@ -33,6 +33,16 @@ pub(crate) fn update<T: Send>(column: &mut [T], change: impl Fn(usize, &mut T) +
     });
 }
 
+/// `change(a, &mut first[a], &mut second[a])` for every row.
+pub(crate) fn update2<T: Send, U: Send>(first: &mut [T], second: &mut [U], change: impl Fn(usize, &mut T, &mut U) + Sync) {
+    debug_assert_eq!(first.len(), second.len());
+    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (ones, twos))| {
+        for (i, (one, two)) in ones.iter_mut().zip(twos).enumerate() {
+            change(block * BLOCK + i, one, two);
+        }
+    });
+}
+
 /// `(first[a], second[a]) = values(a)` for every row.
 pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values: impl Fn(usize) -> (T, U) + Sync) {
     debug_assert_eq!(first.len(), second.len());

@@ -4,8 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The modules of the library, from the ground up. One may use those of lower levels, and itself.
-const LEVELS: [&[&str]; 11] = [
-    &["machine", "math", "error", "formula", "reduce", "sweep", "time"],
+const LEVELS: [&[&str]; 13] = [
+    &["machine", "error", "formula", "reduce", "sweep", "time"],
+    &["lanes"],
+    &["math"],
     &["kernel", "particles"],
     &["domain", "motion"],
     &["neighbors"],

@@ -1,5 +1,6 @@
 //! Shifting: small moves that keep particles evenly spaced.
 
+use crate::lanes::Real;
 use crate::math::{Vector, power};
 
 /// `R` of (Sun et al. 2017): extra push of pairs that are too close, dimensionless (Monaghan 2000).
@@ -9,8 +10,8 @@ const PUSH: f64 = 0.2;
 ///
 /// `w_ratio` is `W_ab/W(Δx)`.
 #[inline(always)]
-pub fn pair_weight(w_ratio: f64) -> f64 {
-    1.0 + PUSH * power(w_ratio, 4)
+pub fn pair_weight<L: Real>(w_ratio: L) -> L {
+    power(w_ratio, 4) * PUSH + 1.0
 }
 
 /// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b [1 + R (W_ab/W(Δx))⁴] ∇_a W_ab`, no longer than `U dt/2`

@@ -4,24 +4,25 @@
 
 pub(super) mod relative;
 mod start;
+mod sums;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::sums::{DensitySlope, Dilation, Kick, Looking, Shifting};
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
+use crate::lanes::{InstructionSet, Real, Record, sweep_lanes, sweep_lanes2};
 use crate::math::Vector;
-use crate::neighbors::{Neighbors, Pair, Search};
+use crate::neighbors::{NOBODY, Neighbors, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new_density};
-use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
-use crate::physics::shifting::{pair_weight, shift, volume_pull};
-use crate::physics::state::EquationOfState;
-use crate::physics::viscosity::{Tensor, contract};
-use crate::sweep::{largest, sweep, sweep2};
+use crate::physics::pairs::{Pairs, record};
+use crate::physics::state::{EquationOfState, PressureLaw};
+use crate::sweep::{largest, sweep, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
 
@@ -67,51 +68,54 @@ pub enum TensileControl {
 }
 
 /// One particle of a pair, as pair terms see it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Side<const D: usize> {
-    /// Velocity, m/s.
-    pub v: Vector<D>,
-    /// Velocity in the viscous force, m/s.
-    pub u: Vector<D>,
-    /// Density, kg/m³.
-    pub density: f64,
+#[derive(Clone, Copy)]
+pub(super) struct Side<L, const D: usize> {
+    /// Velocity, m/s; for walls in forces the one that rubs.
+    pub v: [L; D],
     /// Pressure, Pa.
-    pub pressure: f64,
-    /// Away from the free surface.
-    pub inside: bool,
+    pub pressure: L,
+    /// Pressure in the force on itself, Pa: [`Flux::own_pressure`].
+    pub own: L,
 }
 
 /// Where the two particles of a pair are.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Between<const D: usize> {
+#[derive(Clone, Copy)]
+pub(super) struct Between<L: Real, const D: usize> {
     /// `x_a − x_b`, m.
-    pub x_ab: Vector<D>,
+    pub x_ab: [L; D],
     /// Distance, m.
-    pub r: f64,
+    pub r: L,
     /// Mean smoothing length, m.
-    pub h: f64,
-    /// `W'/r`, m⁻ᴰ⁻², on the scale where the lattice differentiates linear fields exactly.
-    pub dw: f64,
-    /// `∇_a W_ab` and `∇_b W_ba`, m⁻ᴰ⁻¹: `±dw x_ab`, or those of linear kernels where the pair terms ask for them.
-    pub grad: [Vector<D>; 2],
-    /// Whether `b` belongs to a wall.
-    pub wall: bool,
+    pub h: L,
+    /// Whether one of the two belongs to a wall.
+    pub wall: L::Mask,
 }
 
-/// The pair terms of a method.
+/// The pair terms of a method, written once for one pair and for eight.
 pub(super) trait Flux<const D: usize>: Copy + Send + Sync {
-    /// Whether gradients are those of linear kernels.
+    /// Whether pressure and divergence are those of linear kernels, which [`force`](Self::force) and [`rate`](Self::rate) then leave out.
     const LINEAR: bool = false;
+
+    /// Whether walls of linear kernels can pull.
+    fn walls_pull(self) -> bool {
+        false
+    }
 
     /// The same terms for the speed of sound `sound`, m/s.
     fn with_sound(self, sound: f64) -> Self;
 
-    /// Force of `b` on the fluid particle `a` over both masses, m/(kg s²).
-    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D>;
+    /// The pressure of a particle in the force on itself, Pa; `inside`: away from the free surface.
+    #[inline(always)]
+    fn own_pressure<L: Real>(self, pressure: L, _inside: L::Mask) -> L {
+        pressure
+    }
 
-    /// Rate of the density of the fluid particle `a` over the mass of `b`, m⁻ᴰ s⁻¹. `jump` is the part of `ρ_a − ρ_b` that
+    /// Force of `b` on the fluid particle `a` over both masses and `W'/(r ρ0²)`, with `∇_a W_ab = (W'/r) x_ab`; Pa m.
+    fn force<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>) -> [L; D];
+
+    /// Rate of the density of the fluid particle `a` over the mass of `b` and `W'/r`, m²/s. `jump` is the part of `ρ_a − ρ_b` that
     /// diffuses, kg/m³.
-    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64;
+    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L;
 }
 
 /// The pair terms there are.
@@ -166,12 +170,16 @@ pub(super) struct Plan {
 /// Where a particle is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
-    /// Out of reach of the free surface.
+    /// Fluid out of reach of the free surface.
     Inside,
-    /// Within reach of a particle of the free surface.
+    /// Fluid within reach of a particle of the free surface.
     Near,
-    /// On the free surface.
+    /// Fluid on the free surface.
     Surface,
+    /// A wall with fluid in reach.
+    Wet,
+    /// A wall without, or nobody.
+    Dry,
 }
 
 /// What shifting does to a particle.
@@ -187,44 +195,55 @@ struct Shift<const D: usize> {
 }
 
 impl<const D: usize> Shift<D> {
-    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Inside };
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Dry };
+}
+
+/// What sound changes in a particle of fluid, beside where it is and how it moves.
+#[derive(Clone, Copy, Debug, Default)]
+struct Bulk {
+    /// kg/m³.
+    density: f64,
+    /// Rate of density, kg/(m³ s).
+    rate: f64,
+    /// The part of it that is compression, `−ρ0 ∇·v`, kg/(m³ s).
+    compression: f64,
+    /// The part of it that draws dilated fluid together, kg/(m³ s).
+    pull: f64,
 }
 
 /// Pairs reach so much farther than the kernel, in smoothing lengths: a list lasts for one step. In a step of `0.25 h/U` the
 /// fastest particles move a quarter of `h`; two that approach each other from farther away than that have a weight below 1 % of
 /// the largest when they are missed, and are missed from both sides.
-const SKIN: f64 = 0.25;
+const SKIN: f64 = 0.1;
 
 /// A weakly compressible method in sound steps; the constructors are in the files of the methods.
 ///
 /// Sources: Zhang, Rezavand & Hu, J. Comput. Phys. 404 (2020) 109135 (steps); Adami, Hu & Adams, J. Comput. Phys. 231 (2012)
 /// 7057 and English et al., Comput. Part. Mech. 9 (2022) 911 (walls); Sun et al., Comput. Methods Appl. Mech. Eng. 315 (2017) 25
 /// (shifting).
+///
+/// During a step the particles are records that sums over pairs read eight at a time. A sum reads one set of them and writes the
+/// other, so that a sound step is two passes: velocities at the middle, densities at the end.
 pub struct Acoustic<K, const D: usize> {
     kernel: K,
     medium: Medium<D>,
     plan: Plan,
+    set: InstructionSet,
     lattice: Lattice,
     near: Neighbors<D>,
     walls: DummyWalls<D>,
+    /// Smoothing lengths of all rows and nobody, m; empty where they are all equal.
+    lengths: Vec<f64>,
+    /// Of all rows, and nobody.
     place: Vec<Place>,
-    /// Unit normal of surface particles, out of the fluid.
-    normal: Vec<Vector<D>>,
-    /// `L_a` of each row; zero where it does not exist.
-    correction: Vec<Tensor<D>>,
-    /// Gradient of density that diffusion leaves alone, kg/m⁴.
-    gradient: Vec<Vector<D>>,
+    /// Positions, velocities and pressures in the middle of a sound step; of all rows, and nobody.
+    middle: Vec<Record>,
+    /// Positions, velocities and densities at its end.
+    end: Vec<Record>,
+    bulk: Vec<Bulk>,
     shifts: Vec<Shift<D>>,
-    /// Acceleration of fluid, m/s²; force on walls, N (N/m in 2D).
-    push: Vec<Vector<D>>,
-    /// Mean force on walls over the step, N (N/m in 2D).
-    wall_force: Vec<Vector<D>>,
-    /// Rate of density, kg/(m³ s).
-    rate: Vec<f64>,
-    /// The part of it that is compression, `−ρ0 ∇·v`, kg/(m³ s).
-    compression: Vec<f64>,
-    /// Velocity at the start of the step, m/s.
-    v_before: Vec<Vector<D>>,
+    /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
+    gradient: Vec<Vector<D>>,
     /// The kernel of each row, for pair terms with linear kernels.
     linear: Vec<LinearKernel<D>>,
     /// Densities about to replace those of the particles, kg/m³.
@@ -239,19 +258,17 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             kernel,
             medium,
             plan,
+            set: InstructionSet::of_this_machine(),
             lattice: Lattice::of(kernel, medium.spacing, medium.spacing, medium.rest_density),
             near: Neighbors::new(),
             walls: DummyWalls::new(plan.walls, plan.slip, plan.suction),
+            lengths: Vec::new(),
             place: Vec::new(),
-            normal: Vec::new(),
-            correction: Vec::new(),
-            gradient: Vec::new(),
+            middle: Vec::new(),
+            end: Vec::new(),
+            bulk: Vec::new(),
             shifts: Vec::new(),
-            push: Vec::new(),
-            wall_force: Vec::new(),
-            rate: Vec::new(),
-            compression: Vec::new(),
-            v_before: Vec::new(),
+            gradient: Vec::new(),
             linear: Vec::new(),
             fresh: Vec::new(),
             since_reset: 0,
@@ -264,216 +281,228 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self
     }
 
-    /// Pairs, for positions that may have moved far.
+    /// What sums over one set of records are made of.
+    fn pairs<'a>(&'a self, records: &'a [Record]) -> Pairs<'a, K, D> {
+        let lengths = if self.lengths.is_empty() { None } else { Some(self.lengths.as_slice()) };
+        Pairs { set: self.set, kernel: self.kernel, near: &self.near, records, lengths }
+    }
+
+    /// `1/ρ0` on the scale where the lattice differentiates linear fields exactly, m³/kg: a mass times this is a volume.
+    fn volume_scale(&self) -> f64 {
+        1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest)
+    }
+
+    /// Pairs, for positions that may have moved far, and room for what belongs to each particle.
     fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         let support = self.kernel.radius() + SKIN;
         domain.refresh(p, support * p.h_max());
         self.near.build(p, support, self.plan.search)?;
         self.walls.search(self.kernel, &self.near, p, self.medium.spacing, self.kernel.radius());
+        let (rows, owned) = (p.len() + 1, p.owned());
+        self.lengths.clear();
+        if p.h_min() < p.h_max() {
+            self.lengths.extend_from_slice(&p.h);
+            self.lengths.push(p.h_max());
+        }
+        self.place.resize(rows, Place::Dry);
+        self.place[p.len()] = Place::Dry;
+        for records in [&mut self.middle, &mut self.end] {
+            records.resize(rows, NOBODY);
+            records[p.len()] = NOBODY;
+        }
+        self.bulk.resize(owned, Bulk::default());
         Ok(())
     }
 
-    /// Moves ghosts and pairs to the positions of now.
-    fn follow(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        domain.follow(&mut p.x);
-        self.near.follow(p);
-    }
-
-    /// Which particles belong to the free surface, its normal there, and `L_a`.
-    ///
-    /// A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way between the two
-    /// outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are as
-    /// one-sided as beside a void: that is a surface, too, and shifting must not fill it.
+    /// Which particles belong to the free surface, and its normal there; leaves positions, normals and densities in `end`.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        let (near, kernel, slope) = (&self.near, self.kernel, 1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest));
-        let (threshold, gap) =
-            (self.lattice.surface_threshold(), p.h_max() * self.lattice.slope_of_gap() / self.lattice.slope_of_linear::<D>());
-        let rows = p.len();
-        self.place.resize(rows, Place::Inside);
-        self.normal.resize(rows, Vector::ZERO);
-        self.correction.resize(rows, [Vector::ZERO; D]);
-        let owned = p.owned();
-        let geometry = |a: usize| -> (Tensor<D>, Vector<D>) {
-            let mut moments = [Vector::ZERO; D];
-            let mut concentration = Vector::ZERO;
-            near.for_each(a, |pair| {
-                let grad_w = slope * p.mass[pair.b] * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
-                concentration += grad_w;
-                for (row, along) in moments.iter_mut().zip(pair.x_ab.0) {
-                    *row -= along * grad_w;
-                }
-            });
-            (moments, concentration)
+        let (x, v, mass, kind, owned) = (&p.x, &p.v, &p.mass, &p.kind, p.owned());
+        sweep(&mut self.middle[..p.x.len()], |a| record(x[a], v[a], 0.0, mass[a], kind[a] != Kind::Fluid));
+        let mut end = std::mem::take(&mut self.end);
+        let looking = Looking {
+            pairs: self.pairs(&self.middle),
+            scale: self.volume_scale(),
+            threshold: self.lattice.surface_threshold() * D as f64,
+            gap: p.h_max() * self.lattice.slope_of_gap() / self.lattice.slope_of_linear::<D>(),
+            kind: &p.kind,
+            density: &p.density,
+            mass: &p.mass,
+            h: &p.h,
         };
-        sweep2(&mut self.correction[..owned], &mut self.normal[..owned], |a| {
-            if !p.is_fluid(a) {
-                return ([Vector::ZERO; D], Vector::ZERO);
-            }
-            let (moments, concentration) = geometry(a);
-            let trace: f64 = (0..D).map(|d| moments[d][d]).sum();
-            let length = concentration.norm();
-            // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
-            let normal = match () {
-                () if trace >= threshold * D as f64 && length * p.h[a] <= gap => Vector::ZERO,
-                () if length > 0.0 => -concentration / length,
-                () => Vector::unit(D - 1),
-            };
-            (renormalisation(&moments).unwrap_or([Vector::ZERO; D]), normal)
-        });
-        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-            p.surface[a] = u8::from(self.normal[a] != Vector::ZERO);
-        }
+        sweep_lanes2(self.set, &mut end[..owned], &mut p.surface[..owned], &looking);
+        domain.refresh_records(&mut end);
         domain.refresh_column(&mut p.surface);
-        domain.refresh_column(&mut self.normal);
-        domain.refresh_column(&mut self.correction);
+        self.end = end;
     }
 
-    /// Finds who is near the free surface, and shifts particles over a step `dt`: not those of the surface, those near it along
-    /// it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
-    fn shift(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
-        let (near, kernel, spacing) = (&self.near, self.kernel, self.medium.spacing);
-        let slope = 1.0 / (self.lattice.slope_of_linear::<D>() * self.plan.state.rest);
-        let (normal, correction) = (&self.normal, &self.correction);
+    /// Finds who is near the free surface, and how particles are shifted over a step `dt`: not those of the surface, those near it
+    /// along it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
+    fn shift(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
         let owned = p.owned();
-        let (speed, Plan { shifting, volume_control, state, .. }) = (fastest(p), self.plan);
-        self.shifts.resize(owned, Shift::NONE);
-        sweep(&mut self.shifts, |a| {
-            if !p.is_fluid(a) {
-                return Shift::NONE;
-            }
-            if normal[a] != Vector::ZERO {
-                return Shift { place: Place::Surface, ..Shift::NONE };
-            }
-            let (mut concentration, mut outward, mut gradient) = (Vector::ZERO, Vector::ZERO, Vector::ZERO);
-            let whole = kernel.w(spacing, p.h[a]);
-            let mut sum = p.mass[a] / state.rest * kernel.w(0.0, p.h[a]);
-            near.for_each(a, |pair| {
-                let b = pair.b;
-                let w = kernel.w(pair.r, pair.h);
-                let grad_w = slope * p.mass[b] * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
-                sum += p.mass[b] / state.rest * w;
-                concentration += pair_weight(w / whole) * grad_w;
-                gradient += (p.density[b] - p.density[a]) * grad_w;
-                outward += w * normal[b];
-            });
-            let length = outward.norm();
-            let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
-            let by = shift(concentration, p.h[a], shifting * speed, dt, normal);
-            let pull = match place {
-                Place::Inside => state.rest * volume_pull(sum, p.h[a], speed, volume_control),
-                Place::Near | Place::Surface => 0.0,
+        let mut shifts = std::mem::take(&mut self.shifts);
+        shifts.resize(owned, Shift::NONE);
+        let shifting = Shifting {
+            pairs: self.pairs(&self.end),
+            scale: self.volume_scale(),
+            plan: &self.plan,
+            spacing: self.medium.spacing,
+            speed: fastest(p),
+            dt,
+            kind: &p.kind,
+            h: &p.h,
+        };
+        sweep_lanes(self.set, &mut shifts, &shifting);
+        for (place, shift) in self.place.iter_mut().zip(&shifts) {
+            *place = shift.place;
+        }
+        self.shifts = shifts;
+        for (a, _) in self.walls.pressures() {
+            self.place[a] = Place::Wet;
+        }
+        domain.refresh_column(&mut self.place[..p.len()]);
+    }
+
+    /// The first half of a sound step from the state of `p`, shifted: `x^{1/2}`, `ρ^{1/2}` and their pressure.
+    fn set_out(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64) {
+        let (state, damping, shifts, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.shifts, &self.place);
+        let owned = p.owned();
+        update2(&mut self.middle[..owned], &mut self.bulk, |a, middle, bulk| {
+            let Shift { by, change, pull, .. } = shifts[a];
+            *middle = match p.kind[a] {
+                Kind::Fluid => {
+                    bulk.pull = pull;
+                    bulk.density = dilated(p.density[a] + change, half * bulk.rate, place[a], state.rest);
+                    let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
+                    record(p.x[a] + by + half * p.v[a], p.v[a], state.pressure(bulk.density) + damper, p.mass[a], false)
+                }
+                Kind::Wall | Kind::Lost => record(p.x[a], p.v[a], 0.0, p.mass[a], true),
             };
-            Shift { by, change: contract(&correction[a], gradient).dot(by), pull, place }
         });
-        self.place.resize(p.len(), Place::Inside);
-        for a in 0..owned {
-            let Shift { by, change, place, .. } = self.shifts[a];
-            self.place[a] = place;
-            if p.kind[a] == Kind::Fluid {
-                p.x[a] += by;
-                p.density[a] += change;
+        domain.refresh_records(&mut self.middle);
+    }
+
+    /// Gives walls their pressure, and in viscous flow the velocity that rubs.
+    fn press_walls(&mut self, p: &Particles<D>, domain: &Domain<D>) {
+        let mut walls = std::mem::replace(&mut self.walls, DummyWalls::new(self.plan.walls, self.plan.slip, self.plan.suction));
+        let pairs = self.pairs(&self.middle);
+        walls.extrapolate(pairs, p, Liquid { state: self.plan.state, gravity: self.medium.gravity });
+        if self.medium.viscosity > 0.0 {
+            walls.mirror_velocity(pairs, p);
+        }
+        self.walls = walls;
+        for (a, pressure) in self.walls.pressures() {
+            *self.middle[a].value_mut::<D>() = pressure;
+        }
+        if self.medium.viscosity > 0.0 {
+            for (a, velocity) in self.walls.velocities() {
+                self.middle[a].set_v(velocity);
             }
         }
-        domain.refresh_column(&mut self.place);
-        domain.refresh_column(&mut p.density);
-        self.follow(p, domain);
+        domain.refresh_records(&mut self.middle);
     }
 
-    /// Pressure of fluid by the equation of state and the acoustic damper, then of walls.
-    ///
-    /// The damper is the pressure of a bulk viscosity, `−α2 ρ0 c0 h ∇·v` (Sun, Pilloton, Antuono & Colagrossi 2023): it takes energy
-    /// from sound and none from flow that keeps its volume. None within reach of the free surface, where `∇·v` misses neighbours.
-    fn pressures(&mut self, p: &mut Particles<D>, domain: &Domain<D>, damping: f64) {
-        let (state, damping) = (self.plan.state, damping * self.plan.state.sound);
+    /// `v^{n+1} = vⁿ + Δt a(x^{n+1/2}, ρ^{n+1/2}, vⁿ)`, then `x^{n+1} = x^{n+1/2} + drift v^{n+1}`; adds the force on walls, times `share`.
+    fn kick(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64, drift: f64, share: f64) {
+        if matches!(self.plan.flux, AnyFlux::Linear(_)) {
+            self.linear_kernels(p, domain, false);
+        }
         let owned = p.owned();
-        self.compression.resize(owned, 0.0);
-        let (kind, density, place, h, compression) = (&p.kind, &p.density, &self.place, &p.h, &self.compression);
-        sweep(&mut p.pressure[..owned], |a| match kind[a] {
-            Kind::Fluid if place[a] == Place::Inside => state.pressure(density[a]) + damping * h[a] * compression[a],
-            Kind::Fluid => state.pressure(density[a]),
-            Kind::Wall | Kind::Lost => 0.0,
+        let mut end = std::mem::take(&mut self.end);
+        with_flux!(self.plan.flux, flux => {
+            let kick = Kick {
+                pairs: self.pairs(&self.middle),
+                flux: Flux::<D>::with_sound(flux, self.plan.state.sound),
+                slope: 1.0 / self.lattice.slope_of_linear::<D>(),
+                linear: &self.linear,
+                place: &self.place,
+                bulk: &self.bulk,
+                state: self.plan.state,
+                gravity: self.medium.gravity,
+                step: [dt, drift, share],
+                kind: &p.kind,
+                v: &p.v,
+                mass: &p.mass,
+                h: &p.h,
+            };
+            sweep_lanes2(self.set, &mut end[..owned], &mut p.force[..owned], &kick);
         });
+        domain.refresh_records(&mut end);
+        self.end = end;
+    }
+
+    /// `ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}`, and the first half of the next step, `lead` long: positions, densities and pressures
+    /// of its middle. Without a next step `lead` is zero, and the pressure is that of the density alone.
+    fn dilate(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64, lead: f64, damping: f64) {
+        if matches!(self.plan.flux, AnyFlux::Linear(_)) {
+            self.linear_kernels(p, domain, true);
+        }
+        self.gradients(p, domain);
+        let owned = p.owned();
+        let (mut middle, mut bulk) = (std::mem::take(&mut self.middle), std::mem::take(&mut self.bulk));
+        let state = self.plan.state;
+        let same = if self.plan.diffusion == Diffusion::Molteni {
+            Vector::ZERO
+        } else {
+            gradient_at_rest(&state, self.medium.gravity, state.rest)
+        };
+        with_flux!(self.plan.flux, flux => {
+            let dilation = Dilation {
+                pairs: self.pairs(&self.end),
+                flux: Flux::<D>::with_sound(flux, state.sound),
+                slope: 1.0 / self.lattice.slope_of_linear::<D>(),
+                linear: &self.linear,
+                gradients: if self.gradient.is_empty() { None } else { Some(&self.gradient) },
+                gradient: same,
+                place: &self.place,
+                state,
+                step: [half, lead, damping * state.sound],
+                kind: &p.kind,
+                mass: &p.mass,
+                h: &p.h,
+            };
+            sweep_lanes2(self.set, &mut middle[..owned], &mut bulk, &dilation);
+        });
+        domain.refresh_records(&mut middle);
+        (self.middle, self.bulk) = (middle, bulk);
+    }
+
+    /// Gives `p` the state that the last sound step left in `middle`.
+    fn settle(&self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
+        let (owned, rest) = (p.owned(), self.plan.state.rest);
+        let (middle, bulk, kind) = (&self.middle, &self.bulk, &p.kind);
+        let (v, acceleration) = (&mut p.v[..owned], &mut p.acceleration[..owned]);
+        update2(v, acceleration, |a, v, acceleration| {
+            if kind[a] == Kind::Fluid {
+                let now = middle[a].v();
+                if dt > 0.0 {
+                    *acceleration = (now - *v) / dt;
+                }
+                *v = now;
+            }
+        });
+        update2(&mut p.x[..owned], &mut p.density_rate[..owned], |a, x, rate| {
+            if kind[a] == Kind::Fluid {
+                (*x, *rate) = (middle[a].x(), bulk[a].rate);
+            }
+        });
+        update2(&mut p.pressure[..owned], &mut p.density[..owned], |a, pressure, density| match kind[a] {
+            Kind::Fluid => (*pressure, *density) = (middle[a].value::<D>(), bulk[a].density),
+            Kind::Wall => (*pressure, *density) = (0.0, rest),
+            Kind::Lost => {}
+        });
+        for (a, pressure) in self.walls.pressures() {
+            (p.pressure[a], p.density[a]) = (pressure, self.plan.state.density(pressure));
+        }
+        domain.follow(&mut p.x);
+        domain.refresh_column(&mut p.v);
         domain.refresh_column(&mut p.pressure);
-        self.walls.extrapolate(self.kernel, &self.near, p, domain, Liquid { state, gravity: self.medium.gravity });
+        domain.refresh_column(&mut p.density);
     }
 
-    /// Acceleration of fluid, and the force on walls, in `push`.
-    fn forces<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
-        let flux = flux.with_sound(self.plan.state.sound);
-        let (near, kernel, slope, gravity) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), self.medium.gravity);
-        let linear = &self.linear;
-        let (place, viscous) = (&self.place, if self.medium.viscosity > 0.0 { &self.walls.velocity } else { &p.v });
-        let side =
-            |a: usize| Side { v: p.v[a], u: viscous[a], density: p.density[a], pressure: p.pressure[a], inside: place[a] == Place::Inside };
-        self.push.resize(p.owned(), Vector::ZERO);
-        sweep(&mut self.push, |a| {
-            let mut sum = Vector::ZERO;
-            match p.kind[a] {
-                Kind::Fluid => {
-                    let own = side(a);
-                    near.for_each(a, |pair| {
-                        if pair.r < self.kernel.radius() * pair.h {
-                            let dw = slope * kernel.dw_over_r(pair.r, pair.h);
-                            let wall = !p.is_fluid(pair.b);
-                            let grad =
-                                if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
-                            let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall };
-                            sum += p.mass[pair.b] * flux.force(own, side(pair.b), between);
-                        }
-                    });
-                    sum + gravity
-                }
-                Kind::Wall => {
-                    let own = side(a);
-                    near.for_each(a, |pair| {
-                        if pair.r < self.kernel.radius() * pair.h && p.is_fluid(pair.b) {
-                            let dw = slope * kernel.dw_over_r(pair.r, pair.h);
-                            let [of_wall, of_fluid] =
-                                if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
-                            let grad = [of_fluid, of_wall];
-                            let between = Between { x_ab: -pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall: true };
-                            sum -= p.mass[pair.b] * flux.force(side(pair.b), own, between);
-                        }
-                    });
-                    p.mass[a] * sum
-                }
-                Kind::Lost => sum,
-            }
-        });
-    }
-
-    /// Rate of the density of fluid, in `rate`, and its part by compression.
-    fn rates<F: Flux<D>>(&mut self, flux: F, p: &Particles<D>) {
-        let flux = flux.with_sound(self.plan.state.sound);
-        let (near, kernel, slope, gradient) = (&self.near, self.kernel, 1.0 / self.lattice.slope_of_linear::<D>(), &self.gradient);
-        let (shifts, linear) = (&self.shifts, &self.linear);
-        let side = |a: usize| Side { v: p.v[a], u: p.v[a], density: p.density[a], pressure: p.pressure[a], inside: true };
-        self.rate.resize(p.owned(), 0.0);
-        self.compression.resize(p.owned(), 0.0);
-        sweep2(&mut self.rate, &mut self.compression, |a| {
-            let (mut sum, mut compression) = (0.0, 0.0);
-            if p.is_fluid(a) {
-                sum = shifts[a].pull;
-                let own = side(a);
-                near.for_each(a, |pair| {
-                    if pair.r < self.kernel.radius() * pair.h {
-                        let b = pair.b;
-                        let dw = slope * kernel.dw_over_r(pair.r, pair.h);
-                        let grad = if F::LINEAR { linear_gradients(kernel, linear, a, &pair) } else { [dw * pair.x_ab, -dw * pair.x_ab] };
-                        let between = Between { x_ab: pair.x_ab, r: pair.r, h: pair.h, dw, grad, wall: !p.is_fluid(b) };
-                        let jump = crate::physics::diffusion::jump(own.density, p.density[b], gradient[a], gradient[b], pair.x_ab);
-                        sum += p.mass[b] * flux.rate(own, side(b), between, jump);
-                        compression += p.mass[b] * dw * (own.v - p.v[b]).dot(pair.x_ab);
-                    }
-                });
-            }
-            (sum, compression)
-        });
-    }
-
-    /// Linear kernels of the fluid at the positions of now, over fluid and walls. Walls go on where there are no more particles:
-    /// theirs are not corrected.
-    fn linear_kernels(&mut self, p: &Particles<D>, domain: &Domain<D>) {
+    /// Linear kernels of the fluid at the positions of `end`, else of `middle`, over fluid and walls. Walls go on where there are no
+    /// more particles: theirs are not corrected.
+    fn linear_kernels(&mut self, p: &Particles<D>, domain: &Domain<D>, at_end: bool) {
+        let records = if at_end { &self.end } else { &self.middle };
         let (near, kernel, rest) = (&self.near, self.kernel, self.plan.state.rest);
         self.linear.resize(p.len(), LinearKernel::PLAIN);
         sweep(&mut self.linear[..p.owned()], |a| {
@@ -481,10 +510,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 return LinearKernel::PLAIN;
             }
             let mut moments = MovingMoments::alone(p.mass[a] / rest * kernel.w(0.0, p.h[a]));
-            near.for_each(a, |pair| {
-                let volume = p.mass[pair.b] / rest;
-                moments.add(-pair.x_ab, volume * kernel.w(pair.r, pair.h), volume * kernel.dw_over_r(pair.r, pair.h));
-            });
+            for &b in near.of(a) {
+                let b = b as usize;
+                let (y, volume) = (records[b].x::<D>() - records[a].x(), p.mass[b] / rest);
+                let (r, h) = (y.norm(), 0.5 * (p.h[a] + p.h[b]));
+                moments.add(y, volume * kernel.w(r, h), volume * kernel.dw_over_r(r, h));
+            }
             moments.kernel()
         });
         domain.refresh_column(&mut self.linear);
@@ -497,100 +528,39 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             return;
         }
         self.since_reset = 0;
+        self.settle(p, domain, 0.0);
+        self.near.follow(p);
         let (near, kernel, reset, owned) = (&self.near, self.kernel, self.plan.density_reset, p.owned());
         self.fresh.resize(owned, 0.0);
         sweep(&mut self.fresh, |a| if p.is_fluid(a) { new_density(kernel, near, p, reset, a) } else { p.density[a] });
-        p.density[..owned].copy_from_slice(&self.fresh);
-        domain.refresh_column(&mut p.density);
+        for (a, &density) in self.fresh.iter().enumerate().filter(|(a, _)| p.kind[*a] == Kind::Fluid) {
+            self.bulk[a].density = density;
+            *self.middle[a].value_mut::<D>() = self.plan.state.pressure(density);
+        }
+        domain.refresh_records(&mut self.middle);
     }
 
-    /// The gradient of density that diffusion leaves alone.
+    /// The gradient of density that diffusion leaves alone, where it differs from place to place.
     fn gradients(&mut self, p: &Particles<D>, domain: &Domain<D>) {
-        self.gradient.resize(p.len(), Vector::ZERO);
         let (state, gravity) = (self.plan.state, self.medium.gravity);
-        let at_rest = |a: usize| gradient_at_rest(&state, gravity, p.density[a]);
-        let (near, kernel, correction) = (&self.near, self.kernel, &self.correction);
-        let slope = 1.0 / (self.lattice.slope_of_linear::<D>() * state.rest);
-        match self.plan.diffusion {
-            Diffusion::Molteni => return,
-            Diffusion::Fourtakas => sweep(&mut self.gradient[..p.owned()], at_rest),
-            Diffusion::Antuono => sweep(&mut self.gradient[..p.owned()], |a| {
-                if !p.is_fluid(a) || correction[a] == [Vector::ZERO; D] {
-                    return at_rest(a);
-                }
-                let mut sum = Vector::ZERO;
-                near.for_each(a, |pair| {
-                    let b = pair.b;
-                    let change = p.mass[b] * (p.density[b] - p.density[a]);
-                    sum += slope * change * kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
-                });
-                contract(&correction[a], sum)
-            }),
-        }
-        domain.refresh_column(&mut self.gradient);
-    }
-
-    /// One sound step of position-Verlet: half a step of positions and densities, a whole one of velocities at the middle, the
-    /// other half with the new velocities (Zhang, Rezavand & Hu 2020). `share` is its part of the whole step.
-    fn relax(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64, share: f64, phases: &mut Phases) {
-        // x^{n+1/2} = x^n + Δt/2 v^n, ρ^{n+1/2} = ρ^n + Δt/2 (dρ/dt)^n, p^{n+1/2}
-        phases.measure("motion", || {
-            self.drift(p, 0.5 * dt);
-            self.dilate(p, 0.5 * dt);
-            domain.refresh_column(&mut p.density);
-            self.follow(p, domain);
-        });
-        phases.measure("pressure", || self.pressures(p, domain, self.plan.damping));
-
-        // v^{n+1} = v^n + Δt a(x^{n+1/2}, ρ^{n+1/2}, v^n)
-        if self.medium.viscosity > 0.0 {
-            phases.measure("walls", || self.walls.mirror_velocity(self.kernel, &self.near, p, domain));
-        }
-        let linear = matches!(self.plan.flux, AnyFlux::Linear(_));
-        if linear {
-            phases.measure("kernels", || self.linear_kernels(p, domain));
-        }
-        phases.measure("forces", || with_flux!(self.plan.flux, flux => self.forces(flux, p)));
-        for (a, push) in self.push.iter().enumerate() {
-            match p.kind[a] {
-                Kind::Fluid => p.v[a] += dt * *push,
-                Kind::Wall => self.wall_force[a] += share * *push,
-                Kind::Lost => {}
+        let (mut gradient, owned) = (std::mem::take(&mut self.gradient), p.owned());
+        match (self.plan.diffusion, state.law) {
+            (Diffusion::Molteni, _) | (Diffusion::Fourtakas, PressureLaw::Linear) => gradient.clear(),
+            (Diffusion::Fourtakas, PressureLaw::Tait) => {
+                gradient.resize(p.len() + 1, Vector::ZERO);
+                sweep(&mut gradient[..owned], |a| gradient_at_rest(&state, gravity, self.end[a].value::<D>()));
+            }
+            (Diffusion::Antuono, _) => {
+                gradient.resize(p.len() + 1, Vector::ZERO);
+                let slopes =
+                    DensitySlope { pairs: self.pairs(&self.end), scale: self.volume_scale(), state, gravity, kind: &p.kind, h: &p.h };
+                sweep_lanes(self.set, &mut gradient[..owned], &slopes);
             }
         }
-        domain.refresh_column(&mut p.v);
-
-        // x^{n+1} = x^{n+1/2} + Δt/2 v^{n+1}, ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}
-        phases.measure("motion", || {
-            self.drift(p, 0.5 * dt);
-            self.follow(p, domain);
-        });
-        if linear {
-            phases.measure("kernels", || self.linear_kernels(p, domain));
+        if !gradient.is_empty() {
+            domain.refresh_column(&mut gradient[..p.len()]);
         }
-        phases.measure("density", || {
-            self.gradients(p, domain);
-            with_flux!(self.plan.flux, flux => self.rates(flux, p));
-            self.dilate(p, 0.5 * dt);
-            domain.refresh_column(&mut p.density);
-        });
-    }
-
-    /// Densities over `dt` with the rates of now. A free surface bears no tension: liquid there parts instead of stretching, so
-    /// its density is never below that at rest.
-    fn dilate(&self, p: &mut Particles<D>, dt: f64) {
-        let rest = self.plan.state.rest;
-        for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
-            let density = p.density[a] + dt * self.rate[a];
-            p.density[a] = if p.surface[a] == 1 { density.max(rest) } else { density };
-        }
-    }
-
-    /// Positions over `dt` with the velocities of now.
-    fn drift(&self, p: &mut Particles<D>, dt: f64) {
-        for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
-            p.x[a] += dt * p.v[a];
-        }
+        self.gradient = gradient;
     }
 
     /// The longest sound step, s.
@@ -599,11 +569,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     }
 }
 
-/// Gradients of the linear kernels of `a` and of its neighbour, each at its own particle.
+/// A density after a change. A free surface bears no tension: liquid there parts instead of stretching, so its density is never below
+/// that at rest.
 #[inline(always)]
-fn linear_gradients<K: Kernel<D>, const D: usize>(kernel: K, linear: &[LinearKernel<D>], a: usize, pair: &Pair<D>) -> [Vector<D>; 2] {
-    let (w, dw) = (kernel.w(pair.r, pair.h), kernel.dw_over_r(pair.r, pair.h));
-    [linear[a].gradient(-pair.x_ab, w, dw), linear[pair.b].gradient(pair.x_ab, w, dw)]
+fn dilated(density: f64, change: f64, place: Place, rest: f64) -> f64 {
+    let density = density + change;
+    if place == Place::Surface { density.max(rest) } else { density }
 }
 
 /// Greatest speed of fluid, m/s.
@@ -638,27 +609,28 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         phases.measure("surface", || self.surface(p, domain));
         phases.measure("shifting", || self.shift(p, domain, dt));
 
-        // (2) pressure and density in sound steps
-        self.v_before.clone_from(&p.v);
-        self.wall_force.clear();
-        self.wall_force.resize(p.owned(), Vector::ZERO);
-        let count = (dt / self.sound_step(p)).ceil().max(1.0);
-        for _ in 0..count as u64 {
-            self.relax(p, domain, dt / count, 1.0 / count, phases);
+        // (2) pressure and density in sound steps of position-Verlet (Zhang, Rezavand & Hu 2020):
+        //     x^{n+1/2} = x^n + Δt/2 v^n, ρ^{n+1/2} = ρ^n + Δt/2 (dρ/dt)^n, p^{n+1/2}, the first one here, the others in `dilate`
+        let count = (dt / self.sound_step(p)).ceil().max(1.0) as u64;
+        let share = 1.0 / count as f64;
+        let half = 0.5 * dt * share;
+        phases.measure("motion", || self.set_out(p, domain, half));
+        p.force.fill(Vector::ZERO);
+        for sound_step in 1..=count {
+            phases.measure("walls", || self.press_walls(p, domain));
+            // v^{n+1} = v^n + Δt a^{n+1/2}, x^{n+1} = x^{n+1/2} + Δt/2 v^{n+1}
+            phases.measure("forces", || self.kick(p, domain, 2.0 * half, half, share));
+            // ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}
+            let (lead, damping) = if sound_step < count { (half, self.plan.damping) } else { (0.0, 0.0) };
+            phases.measure("density", || self.dilate(p, domain, half, lead, damping));
         }
 
         // (3) now and then, density from the neighbourhood
         phases.measure("density", || self.reset_density(p, domain));
 
         // (4) what others read: the pressure of the density
-        phases.measure("pressure", || self.pressures(p, domain, 0.0));
-        for a in 0..p.owned() {
-            if p.kind[a] == Kind::Fluid {
-                p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;
-                p.density_rate[a] = self.rate[a];
-            }
-            p.force[a] = self.wall_force[a];
-        }
+        phases.measure("walls", || self.press_walls(p, domain));
+        phases.measure("motion", || self.settle(p, domain, dt));
         Ok(StepReport { evaluations: Some(count as usize), listed_pairs: Some(self.near.pairs()), ..StepReport::default() })
     }
 }

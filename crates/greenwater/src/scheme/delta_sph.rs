@@ -7,10 +7,11 @@ use super::acoustic::{Acoustic, AnyFlux, Between, Flux, Plan, Side, StartPressur
 use super::settings::{BrokenRule, Settings, Still};
 use super::{Medium, Preset, Scheme};
 use crate::kernel::{Kernel, KernelName};
-use crate::math::Vector;
+use crate::lanes::Real;
 use crate::neighbors::Search;
 use crate::physics::consistency::DensityReset;
 use crate::physics::diffusion::Diffusion;
+use crate::physics::pairs::{add_scaled, difference, dot};
 use crate::physics::pressure::{Elasticity, GAMMA};
 use crate::physics::state::{EquationOfState, PressureLaw};
 use crate::poisson::SolveError;
@@ -310,28 +311,35 @@ impl<const D: usize> Flux<D> for DeltaFlux {
         Self { sound, ..self }
     }
 
+    /// Under tensile control a particle of negative pressure pushes as much as it would pull.
     #[inline(always)]
-    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
-        let pulled = self.switch && a.inside && a.pressure < 0.0;
-        let pressure = if pulled { b.pressure - a.pressure } else { b.pressure + a.pressure };
-        let mut along = if pair.wall && !self.wall_pulls { -pressure.max(0.0) } else { -pressure };
-        if !pair.wall {
-            let approach = (a.v - b.v).dot(pair.x_ab) / (pair.r * pair.r + 0.01 * pair.h * pair.h);
-            along += self.alpha * pair.h * self.sound * self.rest * approach;
-        }
-        let mut force = along * pair.x_ab;
-        if self.rubs || !pair.wall {
-            force += 2.0 * self.viscosity * (a.u - b.u);
-        }
-        pair.dw / (self.rest * self.rest) * force
+    fn own_pressure<L: Real>(self, pressure: L, inside: L::Mask) -> L {
+        if self.switch { L::choose(inside, pressure.at_least(-pressure), pressure) } else { pressure }
     }
 
     #[inline(always)]
-    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
-        let mut rate = (a.v - b.v).dot(pair.x_ab);
-        if !pair.wall {
-            rate += 2.0 * self.delta * pair.h * self.sound / self.rest * jump;
+    fn force<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>) -> [L; D] {
+        let nothing = L::splat(0.0);
+        let v_ab = difference(&a.v, &b.v);
+        let pressure = a.own + b.pressure;
+        let pressed = if self.wall_pulls { pressure } else { L::choose(pair.wall, pressure.at_least(nothing), pressure) };
+        let mut along = -pressed;
+        if self.alpha > 0.0 {
+            let approach = dot(&v_ab, &pair.x_ab) / pair.r.times_plus(pair.r, pair.h * pair.h * 0.01);
+            along = along + L::choose(pair.wall, nothing, approach * (pair.h * (self.alpha * self.sound * self.rest)));
         }
-        pair.dw * rate
+        let mut force = [nothing; D];
+        add_scaled(&mut force, along, &pair.x_ab);
+        if self.viscosity > 0.0 {
+            let twice = L::splat(2.0 * self.viscosity);
+            add_scaled(&mut force, if self.rubs { twice } else { L::choose(pair.wall, nothing, twice) }, &v_ab);
+        }
+        force
+    }
+
+    #[inline(always)]
+    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
+        let diffusivity = L::choose(pair.wall, L::splat(0.0), pair.h * (2.0 * self.delta * self.sound / self.rest));
+        jump.times_plus(diffusivity, dot(&difference(&a.v, &b.v), &pair.x_ab))
     }
 }

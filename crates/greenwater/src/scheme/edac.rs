@@ -8,7 +8,7 @@ use super::acoustic::relative::Relative;
 use super::acoustic::{AnyFlux, Between, Flux, Side, StartPressure, Stepping, TensileControl};
 use super::delta_sph::{DeltaFlux, DeltaSphSettings};
 use super::settings::BrokenRule;
-use crate::math::Vector;
+use crate::lanes::Real;
 use crate::neighbors::Search;
 use crate::physics::consistency::DensityReset;
 use crate::physics::diffusion::Diffusion;
@@ -182,16 +182,20 @@ impl<const D: usize> Flux<D> for EdacFlux {
     }
 
     #[inline(always)]
-    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
+    fn own_pressure<L: Real>(self, pressure: L, inside: L::Mask) -> L {
+        Flux::<D>::own_pressure(self.shared, pressure, inside)
+    }
+
+    #[inline(always)]
+    fn force<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>) -> [L; D] {
         self.shared.force(a, b, pair)
     }
 
     #[inline(always)]
-    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
-        // 2 ν_e V_b jump (x_ab·∇W)/(r² + 0.01 h²), x_ab·∇W = dw r².
-        let twice_nu = 0.25 * self.strength * pair.h * self.shared.sound;
+    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
+        // 2 ν_e V_b jump (x_ab·∇W)/(r² + 0.01 h²), x_ab·∇W = r² W'/r.
+        let twice_nu = pair.h * (0.25 * self.strength * self.shared.sound / self.shared.rest);
         let square = pair.r * pair.r;
-        let diffusion = twice_nu / self.shared.rest * jump * pair.dw * square / (square + 0.01 * pair.h * pair.h);
-        self.shared.rate(a, b, pair, jump) + diffusion
+        self.shared.rate(a, b, pair, jump) + twice_nu * jump * square / (square + pair.h * pair.h * 0.01)
     }
 }

@@ -8,7 +8,7 @@ use super::acoustic::relative::Relative;
 use super::acoustic::{AnyFlux, Between, Flux, Side, StartPressure, Stepping, TensileControl};
 use super::delta_sph::{DeltaFlux, DeltaSphSettings};
 use super::settings::BrokenRule;
-use crate::math::Vector;
+use crate::lanes::Real;
 use crate::neighbors::Search;
 use crate::physics::consistency::DensityReset;
 use crate::physics::diffusion::Diffusion;
@@ -307,18 +307,18 @@ impl<const D: usize> Flux<D> for LinearFlux {
         Self { shared: Flux::<D>::with_sound(self.shared, sound) }
     }
 
-    #[inline(always)]
-    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
-        let DeltaFlux { wall_pulls, rest, .. } = self.shared;
-        let mut force = self.shared.force(Side { pressure: 0.0, ..a }, Side { pressure: 0.0, ..b }, pair);
-        if !pair.wall || wall_pulls || a.pressure + b.pressure > 0.0 {
-            force -= (a.pressure * pair.grad[0] - b.pressure * pair.grad[1]) / (rest * rest);
-        }
-        force
+    fn walls_pull(self) -> bool {
+        self.shared.wall_pulls
     }
 
     #[inline(always)]
-    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
-        self.shared.rate(a, Side { v: a.v, ..b }, pair, jump) + (a.v - b.v).dot(pair.grad[0])
+    fn force<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>) -> [L; D] {
+        let nothing = L::splat(0.0);
+        self.shared.force(Side { own: nothing, ..a }, Side { pressure: nothing, ..b }, pair)
+    }
+
+    #[inline(always)]
+    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
+        self.shared.rate(a, Side { v: a.v, ..b }, pair, jump)
     }
 }

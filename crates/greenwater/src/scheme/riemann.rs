@@ -8,9 +8,10 @@ use super::acoustic::relative::Relative;
 use super::acoustic::{AnyFlux, Between, Flux, Side, StartPressure, Stepping, TensileControl};
 use super::delta_sph::{DeltaFlux, DeltaSphSettings};
 use super::settings::BrokenRule;
-use crate::math::Vector;
+use crate::lanes::Real;
 use crate::neighbors::Search;
 use crate::physics::consistency::DensityReset;
+use crate::physics::pairs::{add_scaled, difference, dot};
 use crate::physics::state::PressureLaw;
 use crate::walls::dummy::{WallPressure, WallSlip, WallSuction};
 
@@ -170,20 +171,27 @@ impl<const D: usize> Flux<D> for RiemannFlux {
     }
 
     #[inline(always)]
-    fn force(self, a: Side<D>, b: Side<D>, pair: Between<D>) -> Vector<D> {
-        let force = self.shared.force(a, b, pair);
-        if pair.wall || pair.r == 0.0 {
-            return force;
-        }
-        let DeltaFlux { sound, rest, .. } = self.shared;
-        let approach = (-(a.v - b.v).dot(pair.x_ab) / pair.r).max(0.0);
-        let beta = (self.limiter * approach / sound).min(1.0);
-        force - pair.dw * beta * sound * approach / rest * pair.x_ab
+    fn own_pressure<L: Real>(self, pressure: L, inside: L::Mask) -> L {
+        Flux::<D>::own_pressure(self.shared, pressure, inside)
     }
 
     #[inline(always)]
-    fn rate(self, a: Side<D>, b: Side<D>, pair: Between<D>, jump: f64) -> f64 {
-        let rate = self.shared.rate(a, b, pair, jump);
-        if pair.wall { rate } else { rate + pair.dw * self.shared.sound / self.shared.rest * jump * pair.r }
+    fn force<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>) -> [L; D] {
+        let nothing = L::splat(0.0);
+        let DeltaFlux { sound, rest, .. } = self.shared;
+        // Particles at one place approach in no direction.
+        let r = pair.r.at_least(L::splat(f64::MIN_POSITIVE));
+        let approach = (-dot(&difference(&a.v, &b.v), &pair.x_ab) / r).at_least(nothing);
+        let beta = (approach * (self.limiter / sound)).at_most(L::splat(1.0));
+        let push = -beta * approach * (sound * rest);
+        let mut force = self.shared.force(a, b, pair);
+        add_scaled(&mut force, L::choose(pair.wall, nothing, push), &pair.x_ab);
+        force
+    }
+
+    #[inline(always)]
+    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
+        let spread = jump * pair.r * (self.shared.sound / self.shared.rest);
+        self.shared.rate(a, b, pair, jump) + L::choose(pair.wall, L::splat(0.0), spread)
     }
 }

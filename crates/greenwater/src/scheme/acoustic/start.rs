@@ -1,6 +1,6 @@
 //! The first state: speed of sound, lattice, density and pressure.
 
-use super::{Acoustic, StartPressure};
+use super::{Acoustic, Bulk, StartPressure};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::math::Vector;
@@ -9,7 +9,6 @@ use crate::physics::lattice::Lattice;
 use crate::reduce::dot;
 use crate::scheme::{Medium, StepError};
 use crate::sweep::sweep;
-use crate::time::Phases;
 
 /// The speed that compressibility is measured by, m/s: `2 √(gH)`, the greatest a dam break reaches before it hits something, or
 /// the greatest speed at the start if that is more.
@@ -45,20 +44,24 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.surface(p, domain);
         if self.plan.start == StartPressure::Released && self.medium.g() > 0.0 {
             self.release(p, domain);
+            self.surface(p, domain);
         }
         self.shift(p, domain, 0.0);
-        self.pressures(p, domain, 0.0);
-        self.wall_force.clear();
-        self.wall_force.resize(p.owned(), Vector::ZERO);
         // A step of no length: rates, accelerations and forces of this state.
-        self.rate.clear();
-        self.rate.resize(p.owned(), 0.0);
-        self.relax(p, domain, 0.0, 1.0, &mut Phases::default());
+        self.bulk.fill(Bulk::default());
+        self.set_out(p, domain, 0.0);
+        self.press_walls(p, domain);
+        p.force.fill(Vector::ZERO);
+        self.kick(p, domain, 1.0, 0.0, 1.0);
         for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
-            p.acceleration[a] = self.push[a];
-            p.density_rate[a] = self.rate[a];
+            p.acceleration[a] = self.end[a].v() - p.v[a];
+            self.end[a].set_v(p.v[a]);
         }
-        p.force[..self.wall_force.len()].copy_from_slice(&self.wall_force);
+        domain.refresh_records(&mut self.end);
+        self.dilate(p, domain, 0.0, 0.0, 0.0);
+        self.press_walls(p, domain);
+        self.settle(p, domain, 0.0);
+        domain.refresh_column(&mut p.acceleration);
         Ok(())
     }
 
@@ -70,10 +73,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn release(&self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (near, kernel, state, owned) = (&self.near, self.kernel, self.plan.state, p.owned());
         let up = self.medium.gravity / -self.medium.g();
-        let free = |a: usize| p.kind[a] == Kind::Fluid && self.normal[a] == Vector::ZERO;
+        // The normals stand where velocities do.
+        let normal = |a: usize| self.end[a].v::<D>();
+        let free = |a: usize| p.kind[a] == Kind::Fluid && normal(a) == Vector::ZERO;
         let mut q = vec![0.0; p.len()];
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid && !free(a)) {
-            let depth = 0.5 * self.medium.spacing * self.normal[a].dot(up).max(0.0);
+            let depth = 0.5 * self.medium.spacing * normal(a).dot(up).max(0.0);
             q[a] = state.rest * self.medium.g() * depth - p.pressure[a];
         }
         domain.refresh_column(&mut q);

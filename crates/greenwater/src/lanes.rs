@@ -1,0 +1,796 @@
+//! Eight numbers at once: arithmetic with the vector units of the machine. The only code that knows instruction sets, and the only
+//! one with `unsafe`.
+//!
+//! Formulas are written once, over [`Real`], and run on one number (`f64`) or on [`LANES`] of them. Sums over pairs take eight
+//! neighbours at a time on every machine and add the lanes up in one order; where a product is fused with a sum it is so on every
+//! machine: all instruction sets give the same bits.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use rayon::prelude::*;
+
+use crate::sweep::BLOCK;
+
+/// Numbers in a vector.
+pub(crate) const LANES: usize = 8;
+
+/// A number, or several that go through the same arithmetic.
+pub trait Real:
+    Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + Add<f64, Output = Self>
+    + Sub<f64, Output = Self>
+    + Mul<f64, Output = Self>
+{
+    /// A yes or no for each number.
+    type Mask: Copy;
+
+    /// `x` everywhere.
+    fn splat(x: f64) -> Self;
+
+    /// Square root, rounded as IEEE 754 says.
+    fn root(self) -> Self;
+
+    /// `self * factor + term`, rounded once. For sums that run on vector units: without them it is a slow call on older machines.
+    fn times_plus(self, factor: Self, term: Self) -> Self;
+
+    /// The number without its sign.
+    fn size(self) -> Self;
+
+    /// The larger of two numbers; `other` where one is NaN.
+    fn at_least(self, other: Self) -> Self;
+
+    /// The smaller of two numbers; `other` where one is NaN.
+    fn at_most(self, other: Self) -> Self;
+
+    /// Whether `self < other`.
+    fn below(self, other: Self) -> Self::Mask;
+
+    /// `yes` where the mask says so, else `no`.
+    fn choose(mask: Self::Mask, yes: Self, no: Self) -> Self;
+
+    /// `f` of each number: for functions that vector units do not have.
+    fn each(self, f: impl Fn(f64) -> f64) -> Self;
+}
+
+impl Real for f64 {
+    type Mask = bool;
+
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        x
+    }
+
+    #[inline(always)]
+    fn root(self) -> Self {
+        self.sqrt()
+    }
+
+    #[inline(always)]
+    fn times_plus(self, factor: Self, term: Self) -> Self {
+        self.mul_add(factor, term)
+    }
+
+    #[inline(always)]
+    fn size(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn at_least(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+
+    #[inline(always)]
+    fn below(self, other: Self) -> bool {
+        self < other
+    }
+
+    #[inline(always)]
+    fn choose(mask: bool, yes: Self, no: Self) -> Self {
+        if mask { yes } else { no }
+    }
+
+    #[inline(always)]
+    fn each(self, f: impl Fn(f64) -> f64) -> Self {
+        f(self)
+    }
+}
+
+/// What a sum over pairs reads of a particle: one line of the cache.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct Record(pub [f64; LANES]);
+
+/// A vector of [`LANES`] numbers.
+pub(crate) trait Lanes: Real {
+    /// The numbers in order.
+    fn from_array(x: [f64; LANES]) -> Self;
+
+    /// The numbers in order.
+    fn to_array(self) -> [f64; LANES];
+
+    /// Field by field, what the records of eight `rows` hold.
+    ///
+    /// # Panics
+    /// A row beyond the records.
+    fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES];
+
+    /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))`.
+    fn total(self) -> f64;
+
+    /// The entries of a column at eight `rows`.
+    ///
+    /// # Panics
+    /// A row beyond the column.
+    #[inline(always)]
+    fn pick(column: &[f64], rows: &[u32; LANES]) -> Self {
+        Self::from_array(std::array::from_fn(|i| column[rows[i] as usize]))
+    }
+}
+
+/// The operators of a type that has `plus`, `minus`, `times`, `over`.
+macro_rules! operators {
+    ($type:ty) => {
+        operators!($type, Add, add, plus);
+        operators!($type, Sub, sub, minus);
+        operators!($type, Mul, mul, times);
+        operators!($type, Div, div, over);
+
+        impl Neg for $type {
+            type Output = Self;
+
+            #[inline(always)]
+            fn neg(self) -> Self {
+                Self::splat(-0.0).minus(self)
+            }
+        }
+    };
+    ($type:ty, $trait:ident, $name:ident, $does:ident) => {
+        impl $trait for $type {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $name(self, other: Self) -> Self {
+                self.$does(other)
+            }
+        }
+
+        impl $trait<f64> for $type {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $name(self, other: f64) -> Self {
+                self.$does(Self::splat(other))
+            }
+        }
+    };
+}
+
+/// Vectors as arrays: what the compiler makes of them on any machine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Portable([f64; LANES]);
+
+impl Portable {
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+    }
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+
+    #[inline(always)]
+    fn over(self, other: Self) -> Self {
+        self.zip(other, |a, b| a / b)
+    }
+}
+
+operators!(Portable);
+
+impl Real for Portable {
+    type Mask = [bool; LANES];
+
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        Self([x; LANES])
+    }
+
+    #[inline(always)]
+    fn root(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
+    #[inline(always)]
+    fn times_plus(self, factor: Self, term: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i].mul_add(factor.0[i], term.0[i])))
+    }
+
+    #[inline(always)]
+    fn size(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+
+    #[inline(always)]
+    fn at_least(self, other: Self) -> Self {
+        self.zip(other, Real::at_least)
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Self {
+        self.zip(other, Real::at_most)
+    }
+
+    #[inline(always)]
+    fn below(self, other: Self) -> [bool; LANES] {
+        std::array::from_fn(|i| self.0[i] < other.0[i])
+    }
+
+    #[inline(always)]
+    fn choose(mask: [bool; LANES], yes: Self, no: Self) -> Self {
+        Self(std::array::from_fn(|i| if mask[i] { yes.0[i] } else { no.0[i] }))
+    }
+
+    #[inline(always)]
+    fn each(self, f: impl Fn(f64) -> f64) -> Self {
+        Self(self.0.map(f))
+    }
+}
+
+impl Lanes for Portable {
+    #[inline(always)]
+    fn from_array(x: [f64; LANES]) -> Self {
+        Self(x)
+    }
+
+    #[inline(always)]
+    fn to_array(self) -> [f64; LANES] {
+        self.0
+    }
+
+    #[inline(always)]
+    fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
+        let of = rows.map(|row| &records[row as usize].0);
+        std::array::from_fn(|field| Self(of.map(|record| record[field])))
+    }
+
+    #[inline(always)]
+    fn total(self) -> f64 {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        ((a + e) + (c + g)) + ((b + f) + (d + h))
+    }
+}
+
+/// Panics unless every row is below `count`: what the unchecked loads of the vector units rely on.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn check_rows(rows: &[u32; LANES], count: usize) {
+    let last = rows.iter().fold(0, |last, &row| last.max(row));
+    assert!((last as usize) < count, "row {last} of {count} records");
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    //! SAFETY of every block below: values of these types are made only inside [`super::dispatch`], behind a test that the machine
+    //! has the instructions; loads are from references to arrays of the right size, or from records whose rows were checked.
+
+    use std::arch::x86_64::*;
+    use std::ops::{Add, Div, Mul, Neg, Sub};
+
+    use super::{LANES, Lanes, Real, Record, check_rows};
+
+    /// One register of AVX-512.
+    #[derive(Clone, Copy, Debug)]
+    pub(crate) struct Avx512(__m512d);
+
+    impl Avx512 {
+        #[inline(always)]
+        fn plus(self, other: Self) -> Self {
+            Self(unsafe { _mm512_add_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        fn minus(self, other: Self) -> Self {
+            Self(unsafe { _mm512_sub_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        fn times(self, other: Self) -> Self {
+            Self(unsafe { _mm512_mul_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        fn over(self, other: Self) -> Self {
+            Self(unsafe { _mm512_div_pd(self.0, other.0) })
+        }
+    }
+
+    operators!(Avx512);
+
+    impl Real for Avx512 {
+        type Mask = __mmask8;
+
+        #[inline(always)]
+        fn splat(x: f64) -> Self {
+            Self(unsafe { _mm512_set1_pd(x) })
+        }
+
+        #[inline(always)]
+        fn root(self) -> Self {
+            Self(unsafe { _mm512_sqrt_pd(self.0) })
+        }
+
+        #[inline(always)]
+        fn times_plus(self, factor: Self, term: Self) -> Self {
+            Self(unsafe { _mm512_fmadd_pd(self.0, factor.0, term.0) })
+        }
+
+        #[inline(always)]
+        fn size(self) -> Self {
+            Self(unsafe { _mm512_abs_pd(self.0) })
+        }
+
+        #[inline(always)]
+        fn at_least(self, other: Self) -> Self {
+            Self(unsafe { _mm512_max_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        fn at_most(self, other: Self) -> Self {
+            Self(unsafe { _mm512_min_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        fn below(self, other: Self) -> __mmask8 {
+            unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
+        }
+
+        #[inline(always)]
+        fn choose(mask: __mmask8, yes: Self, no: Self) -> Self {
+            Self(unsafe { _mm512_mask_blend_pd(mask, no.0, yes.0) })
+        }
+
+        #[inline(always)]
+        fn each(self, f: impl Fn(f64) -> f64) -> Self {
+            Self::from_array(self.to_array().map(f))
+        }
+    }
+
+    impl Lanes for Avx512 {
+        #[inline(always)]
+        fn from_array(x: [f64; LANES]) -> Self {
+            Self(unsafe { _mm512_loadu_pd(x.as_ptr()) })
+        }
+
+        #[inline(always)]
+        fn to_array(self) -> [f64; LANES] {
+            let mut x = [0.0; LANES];
+            unsafe { _mm512_storeu_pd(x.as_mut_ptr(), self.0) };
+            x
+        }
+
+        /// Halves of two records share a register, so that three rounds of shuffles put eight fields in order.
+        #[inline(always)]
+        fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
+            check_rows(rows, records.len());
+            unsafe {
+                let [a, b, c, d] = four_fields::<0>(records, rows);
+                let [e, f, g, h] = four_fields::<4>(records, rows);
+                [a, b, c, d, e, f, g, h]
+            }
+        }
+
+        #[inline(always)]
+        fn total(self) -> f64 {
+            unsafe {
+                let four = _mm256_add_pd(_mm512_castpd512_pd256(self.0), _mm512_extractf64x4_pd::<1>(self.0));
+                total_of_four(four)
+            }
+        }
+    }
+
+    /// Four fields from `FROM` on of the records `low` and `high`, one behind the other.
+    #[inline(always)]
+    unsafe fn two_halves<const FROM: usize>(records: &[Record], low: u32, high: u32) -> __m512d {
+        unsafe {
+            let low = _mm256_load_pd(records.get_unchecked(low as usize).0.as_ptr().add(FROM));
+            let high = _mm256_load_pd(records.get_unchecked(high as usize).0.as_ptr().add(FROM));
+            _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(low), high)
+        }
+    }
+
+    /// Four fields from `FROM` on of eight records, turned.
+    #[inline(always)]
+    unsafe fn four_fields<const FROM: usize>(records: &[Record], rows: &[u32; LANES]) -> [Avx512; 4] {
+        unsafe {
+            let (a, b) = (two_halves::<FROM>(records, rows[0], rows[2]), two_halves::<FROM>(records, rows[1], rows[3]));
+            let (c, d) = (two_halves::<FROM>(records, rows[4], rows[6]), two_halves::<FROM>(records, rows[5], rows[7]));
+            let (even, odd) = (_mm512_unpacklo_pd(a, b), _mm512_unpackhi_pd(a, b));
+            let (even_high, odd_high) = (_mm512_unpacklo_pd(c, d), _mm512_unpackhi_pd(c, d));
+            [
+                Avx512(_mm512_shuffle_f64x2::<0x88>(even, even_high)),
+                Avx512(_mm512_shuffle_f64x2::<0x88>(odd, odd_high)),
+                Avx512(_mm512_shuffle_f64x2::<0xdd>(even, even_high)),
+                Avx512(_mm512_shuffle_f64x2::<0xdd>(odd, odd_high)),
+            ]
+        }
+    }
+
+    /// `(0+2) + (1+3)`.
+    #[inline(always)]
+    unsafe fn total_of_four(four: __m256d) -> f64 {
+        unsafe {
+            let two = _mm_add_pd(_mm256_castpd256_pd128(four), _mm256_extractf128_pd::<1>(four));
+            _mm_cvtsd_f64(_mm_add_sd(two, _mm_unpackhi_pd(two, two)))
+        }
+    }
+
+    /// Four fields from `FROM` on of the records of four rows from `FIRST` on, turned.
+    #[inline(always)]
+    unsafe fn four_by_four<const FIRST: usize, const FROM: usize>(records: &[Record], rows: &[u32; LANES]) -> [__m256d; 4] {
+        unsafe {
+            let a = _mm256_load_pd(records.get_unchecked(rows[FIRST] as usize).0.as_ptr().add(FROM));
+            let b = _mm256_load_pd(records.get_unchecked(rows[FIRST + 1] as usize).0.as_ptr().add(FROM));
+            let c = _mm256_load_pd(records.get_unchecked(rows[FIRST + 2] as usize).0.as_ptr().add(FROM));
+            let d = _mm256_load_pd(records.get_unchecked(rows[FIRST + 3] as usize).0.as_ptr().add(FROM));
+            let (even, odd) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
+            let (even_high, odd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
+            [
+                _mm256_permute2f128_pd::<0x20>(even, even_high),
+                _mm256_permute2f128_pd::<0x20>(odd, odd_high),
+                _mm256_permute2f128_pd::<0x31>(even, even_high),
+                _mm256_permute2f128_pd::<0x31>(odd, odd_high),
+            ]
+        }
+    }
+
+    /// Two registers of AVX2: lanes 0 to 3 and 4 to 7.
+    #[derive(Clone, Copy, Debug)]
+    pub(crate) struct Avx2(__m256d, __m256d);
+
+    impl Avx2 {
+        #[inline(always)]
+        fn plus(self, other: Self) -> Self {
+            unsafe { Self(_mm256_add_pd(self.0, other.0), _mm256_add_pd(self.1, other.1)) }
+        }
+
+        #[inline(always)]
+        fn minus(self, other: Self) -> Self {
+            unsafe { Self(_mm256_sub_pd(self.0, other.0), _mm256_sub_pd(self.1, other.1)) }
+        }
+
+        #[inline(always)]
+        fn times(self, other: Self) -> Self {
+            unsafe { Self(_mm256_mul_pd(self.0, other.0), _mm256_mul_pd(self.1, other.1)) }
+        }
+
+        #[inline(always)]
+        fn over(self, other: Self) -> Self {
+            unsafe { Self(_mm256_div_pd(self.0, other.0), _mm256_div_pd(self.1, other.1)) }
+        }
+    }
+
+    operators!(Avx2);
+
+    impl Real for Avx2 {
+        type Mask = (__m256d, __m256d);
+
+        #[inline(always)]
+        fn splat(x: f64) -> Self {
+            unsafe { Self(_mm256_set1_pd(x), _mm256_set1_pd(x)) }
+        }
+
+        #[inline(always)]
+        fn root(self) -> Self {
+            unsafe { Self(_mm256_sqrt_pd(self.0), _mm256_sqrt_pd(self.1)) }
+        }
+
+        #[inline(always)]
+        fn times_plus(self, factor: Self, term: Self) -> Self {
+            unsafe { Self(_mm256_fmadd_pd(self.0, factor.0, term.0), _mm256_fmadd_pd(self.1, factor.1, term.1)) }
+        }
+
+        #[inline(always)]
+        fn size(self) -> Self {
+            unsafe {
+                let sign = _mm256_set1_pd(-0.0);
+                Self(_mm256_andnot_pd(sign, self.0), _mm256_andnot_pd(sign, self.1))
+            }
+        }
+
+        #[inline(always)]
+        fn at_least(self, other: Self) -> Self {
+            unsafe { Self(_mm256_max_pd(self.0, other.0), _mm256_max_pd(self.1, other.1)) }
+        }
+
+        #[inline(always)]
+        fn at_most(self, other: Self) -> Self {
+            unsafe { Self(_mm256_min_pd(self.0, other.0), _mm256_min_pd(self.1, other.1)) }
+        }
+
+        #[inline(always)]
+        fn below(self, other: Self) -> Self::Mask {
+            unsafe { (_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0), _mm256_cmp_pd::<_CMP_LT_OQ>(self.1, other.1)) }
+        }
+
+        #[inline(always)]
+        fn choose(mask: Self::Mask, yes: Self, no: Self) -> Self {
+            unsafe { Self(_mm256_blendv_pd(no.0, yes.0, mask.0), _mm256_blendv_pd(no.1, yes.1, mask.1)) }
+        }
+
+        #[inline(always)]
+        fn each(self, f: impl Fn(f64) -> f64) -> Self {
+            Self::from_array(self.to_array().map(f))
+        }
+    }
+
+    impl Lanes for Avx2 {
+        #[inline(always)]
+        fn from_array(x: [f64; LANES]) -> Self {
+            unsafe { Self(_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x.as_ptr().add(4))) }
+        }
+
+        #[inline(always)]
+        fn to_array(self) -> [f64; LANES] {
+            let mut x = [0.0; LANES];
+            unsafe {
+                _mm256_storeu_pd(x.as_mut_ptr(), self.0);
+                _mm256_storeu_pd(x.as_mut_ptr().add(4), self.1);
+            }
+            x
+        }
+
+        #[inline(always)]
+        fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
+            check_rows(rows, records.len());
+            unsafe {
+                let (a, b) = (four_by_four::<0, 0>(records, rows), four_by_four::<4, 0>(records, rows));
+                let (c, d) = (four_by_four::<0, 4>(records, rows), four_by_four::<4, 4>(records, rows));
+                [
+                    Self(a[0], b[0]),
+                    Self(a[1], b[1]),
+                    Self(a[2], b[2]),
+                    Self(a[3], b[3]),
+                    Self(c[0], d[0]),
+                    Self(c[1], d[1]),
+                    Self(c[2], d[2]),
+                    Self(c[3], d[3]),
+                ]
+            }
+        }
+
+        #[inline(always)]
+        fn total(self) -> f64 {
+            unsafe { total_of_four(_mm256_add_pd(self.0, self.1)) }
+        }
+    }
+}
+
+/// The instructions that pair loops are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstructionSet {
+    /// Eight numbers in a register.
+    Avx512,
+    /// Four numbers in a register.
+    Avx2,
+    /// What the compiler takes for granted on this machine: SSE2 on x86-64, NEON on ARM.
+    Portable,
+}
+
+impl InstructionSet {
+    /// The best one this machine has.
+    pub fn of_this_machine() -> Self {
+        Self::available().next().unwrap_or(Self::Portable)
+    }
+
+    /// Every one this machine has, the best first.
+    pub fn available() -> impl Iterator<Item = Self> {
+        [Self::Avx512, Self::Avx2, Self::Portable].into_iter().filter(|set| set.is_here())
+    }
+
+    /// Whether this machine has it.
+    #[cfg(target_arch = "x86_64")]
+    pub fn is_here(self) -> bool {
+        match self {
+            Self::Avx512 => {
+                Self::Avx2.is_here()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            Self::Portable => true,
+        }
+    }
+
+    /// Whether this machine has it.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub fn is_here(self) -> bool {
+        self == Self::Portable
+    }
+
+    /// Name, as people write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Avx512 => "AVX-512",
+            Self::Avx2 => "AVX2",
+            Self::Portable => "portable",
+        }
+    }
+}
+
+/// Something to do with vectors of any kind. `run` and all it calls in loops must be `#[inline(always)]`, and nothing there may be a
+/// closure, which cannot be told to: only then are they compiled with the instructions they are dispatched to.
+pub(crate) trait Job {
+    /// Does it.
+    fn run<L: Lanes>(self);
+}
+
+/// Runs `job` with the vectors of `set`, or portable ones if the machine does not have them.
+pub(crate) fn dispatch<J: Job>(set: InstructionSet, job: J) {
+    match set {
+        // SAFETY: the machine was asked for exactly these instructions.
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512 if set.is_here() => unsafe { on_avx512(job) },
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2 if set.is_here() => unsafe { on_avx2(job) },
+        _ => job.run::<Portable>(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+fn on_avx512<J: Job>(job: J) {
+    job.run::<x86::Avx512>();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn on_avx2<J: Job>(job: J) {
+    job.run::<x86::Avx2>();
+}
+
+/// What is done to each row, written once for every kind of vector; `row` must be `#[inline(always)]`, see [`Job`].
+pub(crate) trait Rows<T, U = ()>: Sync {
+    /// Fills or changes row `a` of two columns.
+    fn row<L: Lanes>(&self, a: usize, first: &mut T, second: &mut U);
+}
+
+/// Lets `rows` fill or change every row of two columns of equal length, in parallel, with the same bits for any number of threads and
+/// on any machine.
+pub(crate) fn sweep_lanes2<T: Send, U: Send, R: Rows<T, U>>(set: InstructionSet, first: &mut [T], second: &mut [U], rows: &R) {
+    struct Block<'a, T, U, R> {
+        start: usize,
+        first: &'a mut [T],
+        second: &'a mut [U],
+        rows: &'a R,
+    }
+
+    impl<T, U, R: Rows<T, U>> Job for Block<'_, T, U, R> {
+        #[inline(always)]
+        fn run<L: Lanes>(self) {
+            for (i, (first, second)) in self.first.iter_mut().zip(self.second).enumerate() {
+                self.rows.row::<L>(self.start + i, first, second);
+            }
+        }
+    }
+
+    debug_assert_eq!(first.len(), second.len());
+    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (first, second))| {
+        dispatch(set, Block { start: block * BLOCK, first, second, rows });
+    });
+}
+
+/// As [`sweep_lanes2`], for one column.
+pub(crate) fn sweep_lanes<T: Send, R: Rows<T>>(set: InstructionSet, out: &mut [T], rows: &R) {
+    // Nothing is stored for rows of no size.
+    let mut nothing = vec![(); out.len()];
+    sweep_lanes2(set, out, &mut nothing, rows);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every operation on lanes that hold values of all kinds, against the same on plain numbers.
+    struct Everything<'a> {
+        records: &'a [Record],
+        out: &'a mut Vec<f64>,
+    }
+
+    impl Job for Everything<'_> {
+        fn run<L: Lanes>(self) {
+            let rows = [3, 0, 2, 1, 3, 3, 0, 2];
+            let fields = L::gather(self.records, &rows);
+            for field in fields {
+                self.out.extend(field.to_array());
+            }
+            let [a, b, ..] = fields;
+            let mask = a.below(b);
+            for value in [
+                a + b,
+                a - b,
+                a * b,
+                a / b,
+                -a,
+                a + 1.5,
+                a - 1.5,
+                a * 1.5,
+                (a * a).root(),
+                a.at_least(b),
+                a.at_most(b),
+                a.size(),
+                a.times_plus(b, -a),
+            ] {
+                self.out.extend(value.to_array());
+                self.out.push(value.total());
+            }
+            self.out.extend(L::choose(mask, a, b).to_array());
+            self.out.extend(a.each(|x| x.abs() + 1.0).to_array());
+            self.out.extend(L::pick(&[1.0, 2.0, 3.0, 4.0], &rows).to_array());
+            self.out.extend(L::splat(0.1).to_array());
+        }
+    }
+
+    fn all_of(set: InstructionSet) -> Vec<u64> {
+        let records: Vec<Record> = (0..4)
+            .map(|row| Record(std::array::from_fn(|field| f64::from(row * 8 + field as i32 - 9) * 0.37 * f64::from(1 - 2 * (row % 2)))))
+            .collect();
+        let mut out = Vec::new();
+        dispatch(set, Everything { records: &records, out: &mut out });
+        out.into_iter().map(f64::to_bits).collect()
+    }
+
+    #[test]
+    fn all_instruction_sets_give_the_same_bits() {
+        let portable = all_of(InstructionSet::Portable);
+        for set in InstructionSet::available() {
+            assert_eq!(all_of(set), portable, "{}", set.name());
+        }
+    }
+
+    #[test]
+    fn lanes_hold_the_records_in_order_and_add_up_by_halves() {
+        let records: Vec<Record> = (0..9).map(|row| Record(std::array::from_fn(|field| f64::from(10 * row) + field as f64))).collect();
+        let rows = [8, 1, 2, 3, 4, 5, 6, 7];
+        let fields = Portable::gather(&records, &rows);
+        assert_eq!(fields[2].0, [82.0, 12.0, 22.0, 32.0, 42.0, 52.0, 62.0, 72.0]);
+        assert_eq!(Portable([1e16, 1.0, 1.0, 1.0, -1e16, 0.0, 0.0, 0.0]).total(), 3.0);
+    }
+
+    #[test]
+    #[should_panic(expected = "row 4 of 4 records")]
+    fn rows_beyond_the_records_are_refused() {
+        struct Beyond;
+        impl Job for Beyond {
+            fn run<L: Lanes>(self) {
+                let _ = L::gather(&[Record::default(); 4], &[0, 0, 0, 0, 0, 0, 4, 0]);
+            }
+        }
+        let set = InstructionSet::of_this_machine();
+        // Portable loads are checked by the compiler, with words of its own.
+        assert!(set != InstructionSet::Portable, "row 4 of 4 records");
+        dispatch(set, Beyond);
+    }
+}

@@ -1,0 +1,546 @@
+//! The sums over pairs of a step: what is done to each row of particles, and the terms, eight neighbours at a time.
+
+use super::{Between, Bulk, Flux, Place, Plan, Shift, Side, dilated};
+use crate::kernel::Kernel;
+use crate::lanes::{LANES, Lanes, Real, Record, Rows};
+use crate::math::Vector;
+use crate::neighbors::{Octet, Term};
+use crate::particles::Kind;
+use crate::physics::consistency::LinearKernel;
+use crate::physics::correction::renormalisation;
+use crate::physics::diffusion::{gradient_at_rest, jump};
+use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, record, scaled, splat, totals};
+use crate::physics::shifting::{pair_weight, shift, volume_pull};
+use crate::physics::state::EquationOfState;
+use crate::physics::viscosity::{Tensor, contract};
+
+/// Looks for the free surface. A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way
+/// between the two outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are
+/// as one-sided as beside a void: that is a surface, too, and shifting must not fill it.
+///
+/// Writes positions, normals out of the fluid (zero off the surface) and densities.
+pub(super) struct Looking<'a, K, const D: usize> {
+    pub pairs: Pairs<'a, K, D>,
+    /// `1/ρ0`, m³/kg.
+    pub scale: f64,
+    /// Least sum, and greatest `h |Σ V ∇W|`, off the surface.
+    pub threshold: f64,
+    pub gap: f64,
+    pub kind: &'a [Kind],
+    pub density: &'a [f64],
+    pub mass: &'a [f64],
+    pub h: &'a [f64],
+}
+
+impl<K: Kernel<D>, const D: usize> Rows<Record, u8> for Looking<'_, K, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, next: &mut Record, surface: &mut u8) {
+        let x = self.pairs.records[a].x();
+        if self.kind[a] != Kind::Fluid {
+            *next = record::<D>(x, Vector::ZERO, self.density[a], self.mass[a], true);
+            return;
+        }
+        let around = Around { reach: self.pairs.reach::<L>(self.h[a]) };
+        let (concentration, filled) = self.pairs.near.sum(a, self.pairs.records, &around);
+        let scale = self.scale * around.reach.slope_scale();
+        let (concentration, filled) = (scale * totals(concentration), -scale * filled.total());
+        let length = concentration.norm();
+        // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
+        let normal = match () {
+            () if filled >= self.threshold && length * self.h[a] <= self.gap => Vector::ZERO,
+            () if length > 0.0 => -concentration / length,
+            () => Vector::unit(D - 1),
+        };
+        *surface = u8::from(normal != Vector::ZERO);
+        *next = record(x, normal, self.density[a], self.mass[a], false);
+    }
+}
+
+/// `m ∇W` and `m x_ab·∇W`, on the scale of the particle.
+struct Around<'a, K, L> {
+    reach: Reach<'a, K, L>,
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L> {
+    type Totals = ([L; D], L);
+
+    #[inline(always)]
+    fn nothing(&self) -> Self::Totals {
+        ([L::splat(0.0); D], L::splat(0.0))
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, (concentration, filled): &mut Self::Totals) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let dw = b.mass * self.reach.slope(octet);
+        add_scaled(concentration, dw, &octet.x_ab);
+        *filled = (dw * octet.r).times_plus(octet.r, *filled);
+    }
+}
+
+/// Shifts particles, and draws dilated fluid together.
+pub(super) struct Shifting<'a, K, const D: usize> {
+    pub pairs: Pairs<'a, K, D>,
+    /// `1/ρ0`, m³/kg.
+    pub scale: f64,
+    pub plan: &'a Plan,
+    pub spacing: f64,
+    /// Greatest speed, m/s.
+    pub speed: f64,
+    pub dt: f64,
+    pub kind: &'a [Kind],
+    pub h: &'a [f64],
+}
+
+impl<K: Kernel<D>, const D: usize> Rows<Shift<D>> for Shifting<'_, K, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, out: &mut Shift<D>, _: &mut ()) {
+        let own = self.pairs.records[a];
+        *out = match self.kind[a] {
+            Kind::Wall | Kind::Lost => Shift::NONE,
+            Kind::Fluid if own.v::<D>() != Vector::ZERO => Shift { place: Place::Surface, ..Shift::NONE },
+            Kind::Fluid => {
+                let reach = self.pairs.reach::<L>(self.h[a]);
+                let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
+                let term = Crowd { reach, per_whole: reach.w_scale() / whole, density: L::splat(own.value::<D>()) };
+                let found = self.pairs.near.sum(a, self.pairs.records, &term);
+                self.shifted(&own, self.h[a], [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale], found)
+            }
+        };
+    }
+}
+
+impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
+    /// `scales`: of `V W` and of `V ∇W` over those of the sums.
+    #[inline(always)]
+    fn shifted<L: Lanes>(&self, own: &Record, h: f64, scales: [f64; 2], found: Crowding<L, D>) -> Shift<D> {
+        let Plan { shifting, volume_control, state, .. } = *self.plan;
+        let outward = totals(found.outward);
+        let length = outward.norm();
+        let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
+        let by = shift(scales[1] * totals(found.concentration), h, shifting * self.speed, self.dt, normal);
+        let pull = match place {
+            Place::Inside => {
+                let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
+                state.rest * volume_pull(own + scales[0] * found.filling.total(), h, self.speed, volume_control)
+            }
+            _ => 0.0,
+        };
+        let correction = renormalisation(&tensor(-scales[1], found.moments)).unwrap_or([Vector::ZERO; D]);
+        Shift { by, change: contract(&correction, scales[1] * totals(found.gradient)).dot(by), pull, place }
+    }
+}
+
+/// What crowds a particle, on the scale of the particle.
+struct Crowding<L, const D: usize> {
+    /// `Σ m W` without the particle itself.
+    filling: L,
+    /// `Σ m ∇W`, close pairs with more weight.
+    concentration: [L; D],
+    /// `Σ m (ρ_b − ρ_a) ∇W`.
+    gradient: [L; D],
+    /// `Σ W n`: out of the fluid.
+    outward: [L; D],
+    /// `Σ m x_ab ⊗ ∇W`.
+    moments: [[L; D]; D],
+}
+
+struct Crowd<'a, K, L> {
+    reach: Reach<'a, K, L>,
+    /// `1/W(Δx)` on the scale of the particle.
+    per_whole: f64,
+    density: L,
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
+    type Totals = Crowding<L, D>;
+
+    #[inline(always)]
+    fn nothing(&self) -> Crowding<L, D> {
+        let nothing = [L::splat(0.0); D];
+        Crowding { filling: L::splat(0.0), concentration: nothing, gradient: nothing, outward: nothing, moments: [nothing; D] }
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Crowding<L, D>) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let w = self.reach.w(octet);
+        let dw = b.mass * self.reach.slope(octet);
+        totals.filling = b.mass.times_plus(w, totals.filling);
+        add_scaled(&mut totals.concentration, pair_weight(w * self.per_whole) * dw, &octet.x_ab);
+        add_scaled(&mut totals.gradient, (b.value - self.density) * dw, &octet.x_ab);
+        add_scaled(&mut totals.outward, w, &b.v);
+        add_moments(&mut totals.moments, dw, &octet.x_ab);
+    }
+}
+
+/// The tensor that lanes add up to, times `scale`.
+#[inline(always)]
+fn tensor<L: Lanes, const D: usize>(scale: f64, rows: [[L; D]; D]) -> Tensor<D> {
+    let mut tensor = [Vector::ZERO; D];
+    for d in 0..D {
+        tensor[d] = scale * totals(rows[d]);
+    }
+    tensor
+}
+
+/// `moments += x_ab ⊗ dw x_ab`.
+#[inline(always)]
+fn add_moments<L: Real, const D: usize>(moments: &mut [[L; D]; D], dw: L, x_ab: &[L; D]) {
+    for i in 0..D {
+        add_scaled(&mut moments[i], dw * x_ab[i], x_ab);
+    }
+}
+
+/// The renormalised gradient of the density; that of liquid at rest for walls and where neighbours are too few.
+pub(super) struct DensitySlope<'a, K, const D: usize> {
+    pub pairs: Pairs<'a, K, D>,
+    /// `1/ρ0`, m³/kg.
+    pub scale: f64,
+    pub state: EquationOfState,
+    pub gravity: Vector<D>,
+    pub kind: &'a [Kind],
+    pub h: &'a [f64],
+}
+
+impl<K: Kernel<D>, const D: usize> Rows<Vector<D>> for DensitySlope<'_, K, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, gradient: &mut Vector<D>, _: &mut ()) {
+        let density = self.pairs.records[a].value::<D>();
+        *gradient = gradient_at_rest(&self.state, self.gravity, density);
+        if self.kind[a] == Kind::Fluid {
+            let term = Rise { reach: self.pairs.reach::<L>(self.h[a]), density: L::splat(density) };
+            let (sum, moments): ([L; D], [[L; D]; D]) = self.pairs.near.sum(a, self.pairs.records, &term);
+            let scale = self.scale * term.reach.slope_scale();
+            if let Some(correction) = renormalisation(&tensor(-scale, moments)) {
+                *gradient = contract(&correction, scale * totals(sum));
+            }
+        }
+    }
+}
+
+/// `m (ρ_b − ρ_a) ∇W` and `m x_ab ⊗ ∇W`, on the scale of the particle.
+struct Rise<'a, K, L> {
+    reach: Reach<'a, K, L>,
+    density: L,
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Rise<'_, K, L> {
+    type Totals = ([L; D], [[L; D]; D]);
+
+    #[inline(always)]
+    fn nothing(&self) -> Self::Totals {
+        ([L::splat(0.0); D], [[L::splat(0.0); D]; D])
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, (sum, moments): &mut Self::Totals) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let dw = b.mass * self.reach.slope(octet);
+        add_scaled(sum, (b.value - self.density) * dw, &octet.x_ab);
+        add_moments(moments, dw, &octet.x_ab);
+    }
+}
+
+impl<L: Real, const D: usize> Between<L, D> {
+    /// The same pair from the other side.
+    #[inline(always)]
+    fn turned(self) -> Self {
+        Self { x_ab: scaled(L::splat(-1.0), &self.x_ab), ..self }
+    }
+}
+
+/// Forces: on fluid, which they set in motion, and on walls.
+pub(super) struct Kick<'a, K, F, const D: usize> {
+    pub pairs: Pairs<'a, K, D>,
+    pub flux: F,
+    /// What a gradient of a linear field is multiplied with to be exact on the lattice, dimensionless.
+    pub slope: f64,
+    pub linear: &'a [LinearKernel<D>],
+    pub place: &'a [Place],
+    pub bulk: &'a [Bulk],
+    pub state: EquationOfState,
+    pub gravity: Vector<D>,
+    /// `Δt` of velocities and of positions, s; share of the step in the mean force on walls.
+    pub step: [f64; 3],
+    pub kind: &'a [Kind],
+    pub v: &'a [Vector<D>],
+    pub mass: &'a [f64],
+    pub h: &'a [f64],
+}
+
+impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<'_, K, F, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, next: &mut Record, force: &mut Vector<D>) {
+        let now = self.pairs.records[a];
+        let [dt, drift, share] = self.step;
+        match self.kind[a] {
+            Kind::Fluid => {
+                let push = if F::LINEAR { self.linear_push(a) } else { self.push::<L>(a, &now) };
+                let v = now.v() + dt * (push + self.gravity);
+                *next = record(now.x() + drift * v, v, self.bulk[a].density, self.mass[a], false);
+            }
+            Kind::Wall => {
+                let density = self.state.density(now.value::<D>());
+                *next = record(now.x(), self.v[a], density, self.mass[a], true);
+                if self.place[a] == Place::Wet {
+                    let push = if F::LINEAR { self.linear_push(a) } else { self.push_back::<L>(a, &now) };
+                    *force += share * self.mass[a] * push;
+                }
+            }
+            Kind::Lost => {}
+        }
+    }
+}
+
+impl<K: Kernel<D>, F: Flux<D>, const D: usize> Kick<'_, K, F, D> {
+    /// A particle as its record tells it.
+    #[inline(always)]
+    fn side<L: Real>(&self, a: usize, now: &Record) -> Side<L, D> {
+        let pressure = now.value::<D>();
+        let inside = self.place[a] == Place::Inside;
+        Side { v: splat(now.v()), pressure: L::splat(pressure), own: L::splat(self.flux.own_pressure(pressure, inside)) }
+    }
+
+    /// What sums of forces are multiplied with.
+    #[inline(always)]
+    fn scale(&self, slope_scale: f64) -> f64 {
+        self.slope * slope_scale / (self.state.rest * self.state.rest)
+    }
+
+    /// Acceleration of fluid by its neighbours, m/s².
+    #[inline(always)]
+    fn push<L: Lanes>(&self, a: usize, now: &Record) -> Vector<D> {
+        let term = Push { reach: self.pairs.reach(self.h[a]), flux: self.flux, own: self.side::<L>(a, now) };
+        self.scale(term.reach.slope_scale()) * totals(self.pairs.near.sum(a, self.pairs.records, &term))
+    }
+
+    /// Force of fluid on a wall particle over its mass, m/s²: what the fluid feels of it, turned round.
+    #[inline(always)]
+    fn push_back<L: Lanes>(&self, a: usize, now: &Record) -> Vector<D> {
+        let term = PushBack { reach: self.pairs.reach(self.h[a]), flux: self.flux, own: self.side::<L>(a, now), place: self.place };
+        -self.scale(term.reach.slope_scale()) * totals(self.pairs.near.sum(a, self.pairs.records, &term))
+    }
+
+    /// Either, with linear kernels, pair by pair.
+    #[inline(always)]
+    fn linear_push(&self, a: usize) -> Vector<D> {
+        let records = self.pairs.records;
+        let (own, fluid) = (self.side(a, &records[a]), self.kind[a] == Kind::Fluid);
+        let mut sum = Vector::ZERO;
+        for &b in self.pairs.near.of(a) {
+            let b = b as usize;
+            let pair = LinearPair::of(self.pairs, self.linear, self.h, a, b);
+            let (mass, other, wall) = (records[b].mass::<D>(), self.side(b, &records[b]), !fluid || records[b].is_wall::<D>());
+            if !fluid && records[b].is_wall::<D>() {
+                continue;
+            }
+            let between = Between { wall, ..pair.between };
+            let rubbing = if fluid { self.flux.force(own, other, between) } else { self.flux.force(other, own, between.turned()) };
+            let mut force = self.scale(pair.dw) * if fluid { Vector(rubbing) } else { -Vector(rubbing) };
+            if !wall || self.flux.walls_pull() || own.pressure + other.pressure > 0.0 {
+                force -= (own.pressure * pair.grad[0] - other.pressure * pair.grad[1]) / (self.state.rest * self.state.rest);
+            }
+            sum += mass * force;
+        }
+        sum
+    }
+}
+
+/// A pair with the gradients of linear kernels.
+struct LinearPair<const D: usize> {
+    between: Between<f64, D>,
+    /// `W'/r` of the kernel itself, m⁻ᴰ⁻².
+    dw: f64,
+    /// `∇_a W_ab` and `∇_b W_ba`, each at its own particle, m⁻ᴰ⁻¹.
+    grad: [Vector<D>; 2],
+}
+
+impl<const D: usize> LinearPair<D> {
+    #[inline(always)]
+    fn of<K: Kernel<D>>(pairs: Pairs<'_, K, D>, linear: &[LinearKernel<D>], lengths: &[f64], a: usize, b: usize) -> Self {
+        let records = pairs.records;
+        let x_ab = records[a].x::<D>() - records[b].x();
+        let (r, h) = (x_ab.norm(), 0.5 * (lengths[a] + lengths[b]));
+        let (w, dw) = (pairs.kernel.w(r, h), pairs.kernel.dw_over_r(r, h));
+        let grad = [linear[a].gradient(-x_ab, w, dw), linear[b].gradient(x_ab, w, dw)];
+        Self { between: Between { x_ab: x_ab.0, r, h, wall: records[b].is_wall::<D>() }, dw, grad }
+    }
+}
+
+/// `m_b` times the force of `b` on `a`, on the scale of the particle.
+struct Push<'a, K, F, L, const D: usize> {
+    reach: Reach<'a, K, L>,
+    flux: F,
+    own: Side<L, D>,
+}
+
+impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for Push<'_, K, F, L, D> {
+    type Totals = [L; D];
+
+    #[inline(always)]
+    fn nothing(&self) -> [L; D] {
+        [L::splat(0.0); D]
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let pair = Between { x_ab: octet.x_ab, r: octet.r, h: self.reach.lengths(octet.rows), wall: b.wall };
+        let other = Side { v: b.v, pressure: b.value, own: b.value };
+        add_scaled(totals, b.mass * self.reach.slope(octet), &self.flux.force(self.own, other, pair));
+    }
+}
+
+/// `m_b` times the force of the wall particle on the fluid `b`, on the scale of the particle.
+struct PushBack<'a, K, F, L, const D: usize> {
+    reach: Reach<'a, K, L>,
+    flux: F,
+    own: Side<L, D>,
+    place: &'a [Place],
+}
+
+impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for PushBack<'_, K, F, L, D> {
+    type Totals = [L; D];
+
+    #[inline(always)]
+    fn nothing(&self) -> [L; D] {
+        [L::splat(0.0); D]
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let mut inside = [0.0; LANES];
+        for lane in 0..LANES {
+            inside[lane] = if self.place[octet.rows[lane] as usize] == Place::Inside { -1.0 } else { 1.0 };
+        }
+        let inside = L::from_array(inside).below(L::splat(0.0));
+        let fluid = Side { v: b.v, pressure: b.value, own: self.flux.own_pressure(b.value, inside) };
+        let everywhere = L::splat(0.0).below(L::splat(1.0));
+        let pair = Between { x_ab: octet.x_ab, r: octet.r, h: self.reach.lengths(octet.rows), wall: everywhere }.turned();
+        let mass = L::choose(b.wall, L::splat(0.0), b.mass);
+        add_scaled(totals, mass * self.reach.slope(octet), &self.flux.force(fluid, self.own, pair));
+    }
+}
+
+/// Rates of density, what they make of it by the end of the sound step, and the first half of the next one.
+pub(super) struct Dilation<'a, K, F, const D: usize> {
+    pub pairs: Pairs<'a, K, D>,
+    pub flux: F,
+    /// What a gradient of a linear field is multiplied with to be exact on the lattice, dimensionless.
+    pub slope: f64,
+    pub linear: &'a [LinearKernel<D>],
+    /// Gradients of density that diffusion leaves alone, kg/m⁴; none where it is `gradient` everywhere.
+    pub gradients: Option<&'a [Vector<D>]>,
+    pub gradient: Vector<D>,
+    pub place: &'a [Place],
+    pub state: EquationOfState,
+    /// `Δt` of densities to the end of this step, and of all to the middle of the next, s; `α2 c0`, m/s.
+    pub step: [f64; 3],
+    pub kind: &'a [Kind],
+    pub mass: &'a [f64],
+    pub h: &'a [f64],
+}
+
+impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Bulk> for Dilation<'_, K, F, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, next: &mut Record, bulk: &mut Bulk) {
+        if self.kind[a] != Kind::Fluid {
+            return;
+        }
+        let now = self.pairs.records[a];
+        let [half, lead, damping] = self.step;
+        let [rate, compression] = if F::LINEAR { self.linear_rate(a, bulk.density) } else { self.rate::<L>(a, &now, bulk.density) };
+        bulk.rate = bulk.pull + rate;
+        bulk.compression = compression;
+        bulk.density = dilated(bulk.density, half * bulk.rate, self.place[a], self.state.rest);
+        bulk.density = dilated(bulk.density, lead * bulk.rate, self.place[a], self.state.rest);
+        let damper = if self.place[a] == Place::Inside { damping * self.h[a] * compression } else { 0.0 };
+        let v = now.v::<D>();
+        *next = record(now.x() + lead * v, v, self.state.pressure(bulk.density) + damper, self.mass[a], false);
+    }
+}
+
+impl<K: Kernel<D>, F: Flux<D>, const D: usize> Dilation<'_, K, F, D> {
+    /// Rate of the density of fluid and the part of it that is compression, kg/(m³ s).
+    #[inline(always)]
+    fn rate<L: Lanes>(&self, a: usize, now: &Record, density: f64) -> [f64; 2] {
+        let term = Rate {
+            reach: self.pairs.reach::<L>(self.h[a]),
+            flux: self.flux,
+            v: splat(now.v()),
+            density: L::splat(density),
+            gradient: splat(self.gradients.map_or(self.gradient, |gradients| gradients[a])),
+            gradients: self.gradients,
+        };
+        let [rate, compression] = self.pairs.near.sum(a, self.pairs.records, &term);
+        let scale = self.slope * term.reach.slope_scale();
+        [scale * rate.total(), scale * compression.total()]
+    }
+
+    /// The same with linear kernels, pair by pair.
+    #[inline(always)]
+    fn linear_rate(&self, a: usize, density: f64) -> [f64; 2] {
+        let records = self.pairs.records;
+        let (mut sum, mut compression) = (0.0, 0.0);
+        for &b in self.pairs.near.of(a) {
+            let b = b as usize;
+            let pair = LinearPair::of(self.pairs, self.linear, self.h, a, b);
+            let x_ab = Vector(pair.between.x_ab);
+            let rise = self.gradients.map_or(self.gradient, |gradients| 0.5 * (gradients[a] + gradients[b])).dot(x_ab);
+            let (v_ab, dw) = (records[a].v::<D>() - records[b].v(), self.slope * pair.dw);
+            let still = Side { v: [0.0; D], pressure: 0.0, own: 0.0 };
+            let spread = dw * self.flux.rate(still, still, pair.between, jump(density, records[b].value::<D>(), rise));
+            sum += records[b].mass::<D>() * (v_ab.dot(pair.grad[0]) + spread);
+            compression += records[b].mass::<D>() * dw * v_ab.dot(x_ab);
+        }
+        [sum, compression]
+    }
+}
+
+/// `m_b` times the rate of density by `b`, and the part of it that is compression, on the scale of the particle.
+struct Rate<'a, K, F, L, const D: usize> {
+    reach: Reach<'a, K, L>,
+    flux: F,
+    v: [L; D],
+    density: L,
+    /// The gradient of density that stays, kg/m⁴.
+    gradient: [L; D],
+    /// Those of others, where they differ.
+    gradients: Option<&'a [Vector<D>]>,
+}
+
+impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for Rate<'_, K, F, L, D> {
+    type Totals = [L; 2];
+
+    #[inline(always)]
+    fn nothing(&self) -> [L; 2] {
+        [L::splat(0.0); 2]
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; 2]) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let mut rise = dot(&self.gradient, &octet.x_ab);
+        if let Some(gradients) = self.gradients {
+            let mut others = [[0.0; LANES]; D];
+            for lane in 0..LANES {
+                for d in 0..D {
+                    others[d][lane] = gradients[octet.rows[lane] as usize][d];
+                }
+            }
+            for d in 0..D {
+                rise = L::from_array(others[d]).times_plus(octet.x_ab[d], rise);
+            }
+            rise = rise * 0.5;
+        }
+        let nothing = L::splat(0.0);
+        let own = Side { v: self.v, pressure: nothing, own: nothing };
+        let pair = Between { x_ab: octet.x_ab, r: octet.r, h: self.reach.lengths(octet.rows), wall: b.wall };
+        let rate = self.flux.rate(own, Side { v: b.v, ..own }, pair, jump(self.density, b.value, rise));
+        let dw = b.mass * self.reach.slope(octet);
+        totals[0] = dw.times_plus(rate, totals[0]);
+        totals[1] = dw.times_plus(dot(&difference(&self.v, &b.v), &octet.x_ab), totals[1]);
+    }
+}
