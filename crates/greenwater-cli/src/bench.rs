@@ -17,6 +17,7 @@ mod paper;
 mod record;
 mod session;
 mod step;
+mod watch;
 mod workloads;
 
 use std::fs;
@@ -282,20 +283,6 @@ impl Clock {
 fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, BenchError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     Ok(pool.install(work))
-}
-
-/// Seconds of `work`, again and again: `plan.repeats` times at least, and until `plan.seconds` are used up.
-fn repeated<T>(plan: &Plan, mut work: impl FnMut() -> Result<T, BenchError>) -> Result<(Vec<f64>, T), BenchError> {
-    let started = Instant::now();
-    let mut times = Vec::new();
-    loop {
-        let clock = Instant::now();
-        let result = work()?;
-        times.push(clock.elapsed().as_secs_f64());
-        if times.len() >= plan.repeats && started.elapsed().as_secs_f64() >= plan.seconds {
-            return Ok((times, result));
-        }
-    }
 }
 
 /// Writes a file under a temporary name and renames it; makes its folder.

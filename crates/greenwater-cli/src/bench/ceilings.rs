@@ -2,11 +2,10 @@
 
 mod vector;
 
-use std::time::Instant;
-
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::watch::Watch;
 use super::{BenchError, Clock, Plan, with_threads};
 use vector::Instructions;
 
@@ -72,9 +71,9 @@ fn best(goes: usize, mut work: impl FnMut()) -> f64 {
     // The first go wakes threads and pages.
     work();
     let times = (0..goes).map(|_| {
-        let clock = Instant::now();
+        let watch = Watch::start();
         work();
-        clock.elapsed().as_secs_f64()
+        watch.lap().seconds(rayon::current_num_threads())
     });
     times.fold(f64::INFINITY, f64::min)
 }

@@ -99,7 +99,8 @@ fn page(rows: &[Row]) -> String {
         not this page. -->\n\n\
         `greenwater bench step`, `neighbors`, `poisson` and `impact` measure fixed workloads (`--list` names them); with `--history FILE` each adds a line of \
         JSON to a file, and this page shows the newest numbers of `docs/bench-history.jsonl`. Under each table stand day, commit, machine, and how many processes wanted to run in the minute before (load).\n\n\
-        Times are the least of several repetitions: what else a machine does can only add to them. Each number stands beside a yardstick of the same run: the \
+        Times are the least of several repetitions: on one thread those on the processor, which others on the machine do not touch, on several wall time, which \
+        they do; a second of flow and error against time are wall time. Each number stands beside a yardstick of the same run: the \
         *plain loop*, which is what a good engineer writes first (cell list, list of neighbours, one scalar loop in double precision with every term of the \
         method, one thread; `bench/naive.rs`, held to the library to round-off by a test), and two ceilings of the machine.\n\n\
         A *particle-step* is one evaluation of pressure, forces and density rates of one particle, walls included. A step of `delta-sph` holds several such \

@@ -7,9 +7,10 @@ use greenwater::particles::{Kind, Particle, Particles};
 use greenwater::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
 use serde_json::{Map, json};
 
-use super::record::{Record, Seconds};
+use super::record::Record;
 use super::session::Session;
-use super::{BenchError, Clock, Plan, memory, repeated, with_threads};
+use super::watch::{Lap, least_wall, repeated, seconds};
+use super::{BenchError, Clock, Plan, memory, with_threads};
 
 /// A column of liquid under air.
 #[derive(Clone, Copy, Debug)]
@@ -88,7 +89,7 @@ pub fn measure<'a>(
                         matrix.multiply(&source, &mut y);
                         Ok(())
                     })?;
-                    Ok((times, report, bytes, Seconds::of(&products).min))
+                    Ok((times, report, bytes, seconds(&products, threads).min))
                 })??;
                 let record = record(column, solver, threads, &matrix, (&times, report, bytes, product), session, &records);
                 clock.say(&format!(
@@ -96,7 +97,7 @@ pub fn measure<'a>(
                     column.name,
                     matrix.rows(),
                     report.iterations,
-                    times.iter().copied().fold(f64::INFINITY, f64::min)
+                    seconds(&times, threads).min
                 ));
                 records.push(record);
             }
@@ -122,21 +123,22 @@ fn record(
     solver: &str,
     threads: usize,
     matrix: &CsrMatrix,
-    (times, report, bytes, product): (&[f64], SolveReport, usize, f64),
+    (times, report, bytes, product): (&[Lap], SolveReport, usize, f64),
     session: &Session,
     before: &[Record],
 ) -> Record {
-    let (n, seconds) = (matrix.rows(), Seconds::of(times));
-    let same = |threads: usize, method: &str| {
-        before.iter().find(|r| r.workload == column.name && r.threads == threads && r.method == method)?.seconds.map(|s| s.min)
+    let (n, seconds) = (matrix.rows(), seconds(times, threads));
+    let find = |threads: usize, method: &str| {
+        before.iter().find(|r| r.workload == column.name && r.threads == threads && r.method == method)
     };
     let mut extra = Map::from_iter([
         ("entries".to_owned(), json!(matrix.entries())),
         ("nanoseconds_an_unknown".to_owned(), json!(1e9 * seconds.min / n as f64)),
+        ("wall_seconds".to_owned(), json!(least_wall(times))),
         ("products".to_owned(), json!(seconds.min / product)),
     ]);
-    if let Some(one) = same(1, solver).filter(|_| threads > 1) {
-        extra.insert("speed_up".into(), json!(one / seconds.min));
+    if let Some(one) = find(1, solver).and_then(|r| r.extra.get("wall_seconds")?.as_f64()).filter(|_| threads > 1) {
+        extra.insert("speed_up".into(), json!(one / least_wall(times)));
     }
     if let Some(ceiling) = session.ceiling(threads) {
         // A product reads the matrix, 12 bytes an entry, and two columns, at the least.
@@ -154,7 +156,7 @@ fn record(
         repetitions: times.len(),
         bytes_per_particle: Some(bytes as f64 / n as f64),
         iterations: Some(report.iterations as f64),
-        ratio_to_naive: Some(same(threads, SOLVERS[0].0).map_or(1.0, |jacobi| jacobi / seconds.min)),
+        ratio_to_naive: Some(find(threads, SOLVERS[0].0).and_then(|r| r.seconds).map_or(1.0, |jacobi| jacobi.min / seconds.min)),
         phases: [("setup".into(), report.setup_seconds), ("iterations".into(), report.seconds - report.setup_seconds)].into(),
         extra,
         ..Record::default()

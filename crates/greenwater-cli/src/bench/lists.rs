@@ -6,9 +6,10 @@ use greenwater::particles::{Kind, Particle, Particles};
 use serde_json::{Map, json};
 
 use super::naive::List;
-use super::record::{Record, Seconds};
+use super::record::Record;
 use super::session::Session;
-use super::{BenchError, Clock, Plan, memory, repeated, with_threads};
+use super::watch::{least_wall, repeated, seconds};
+use super::{BenchError, Clock, Plan, memory, with_threads};
 
 /// A cloud of particles.
 #[derive(Clone, Copy, Debug)]
@@ -69,7 +70,7 @@ fn time<const D: usize>(
         plain.build(p, SUPPORT * p.h_max());
         Ok(())
     })?;
-    let naive = Seconds::of(&times).min;
+    let naive = seconds(&times, 1).min;
     let pairs = plain.pairs();
     drop(plain);
     let mut one_thread = None;
@@ -83,17 +84,18 @@ fn time<const D: usize>(
             let (times, ()) = repeated(plan, || Ok(near.build(p, SUPPORT, Search::Grid)?))?;
             Ok((times, near.pairs(), memory::most().saturating_sub(before)))
         })??;
-        let seconds = Seconds::of(&times);
+        let seconds = seconds(&times, threads);
         let mut extra = Map::from_iter([
             ("pairs".to_owned(), json!(pairs)),
             ("listed_pairs".to_owned(), json!(listed)),
             ("neighbours".to_owned(), json!(pairs as f64 / n as f64)),
             ("naive_seconds".to_owned(), json!(naive)),
+            ("wall_seconds".to_owned(), json!(least_wall(&times))),
             ("nanoseconds_a_pair".to_owned(), json!(1e9 * seconds.min / pairs as f64)),
         ]);
         match one_thread {
-            Some(before) if threads > 1 => drop(extra.insert("speed_up".into(), json!(before / seconds.min))),
-            _ if threads == 1 => one_thread = Some(seconds.min),
+            Some(before) if threads > 1 => drop(extra.insert("speed_up".into(), json!(before / least_wall(&times)))),
+            _ if threads == 1 => one_thread = Some(least_wall(&times)),
             _ => {}
         }
         if let Some(ceiling) = session.ceiling(threads) {

@@ -49,17 +49,6 @@ fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }
 
-/// Seconds that the processors have given to all threads of this program; none where the system does not say. Over wall time it tells how
-/// much of the machine a measurement got.
-pub fn processor_seconds() -> Option<f64> {
-    let of_thread = |entry: std::fs::DirEntry| -> Option<f64> {
-        let text = std::fs::read_to_string(entry.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse::<f64>().ok()
-    };
-    let nanoseconds: f64 = std::fs::read_dir("/proc/self/task").ok()?.filter_map(|entry| of_thread(entry.ok()?)).sum();
-    (nanoseconds > 0.0).then_some(1e-9 * nanoseconds)
-}
-
 /// The commit of the sources, `-dirty` where they were changed since; `unknown` for a program away from its sources.
 fn commit() -> String {
     let asked = Command::new("git")

@@ -1,7 +1,5 @@
 //! `bench step`: what a step costs, by phase, beside the plain loop on the same particles.
 
-use std::time::Instant;
-
 use greenwater::case::{AnySetup, Setup};
 use greenwater::kernel::Kernel;
 use greenwater::kernel::WendlandC2;
@@ -12,9 +10,10 @@ use serde_json::{Map, json};
 
 use super::naive::{Constants, List, Sums, operations_a_pair};
 use super::record::{Record, Seconds};
-use super::session::{Session, processor_seconds};
+use super::session::Session;
+use super::watch::{Lap, Watch, repeated, seconds};
 use super::workloads::Flow;
-use super::{BenchError, Clock, Plan, memory, repeated, with_threads};
+use super::{BenchError, Clock, Plan, memory, with_threads};
 
 /// Phases of a weakly compressible step that go through the pairs of an evaluation: forces, and rates of density.
 const PAIR_LOOPS: [&str; 2] = ["forces", "density"];
@@ -33,8 +32,8 @@ struct Twin {
 struct Timed {
     particles: usize,
     fluid: usize,
-    /// Time of each step, s.
-    steps: Vec<f64>,
+    /// Time of each step.
+    steps: Vec<Lap>,
     /// Evaluations of each step.
     evaluations: Vec<f64>,
     /// Seconds in pair loops in each step.
@@ -45,9 +44,18 @@ struct Timed {
     /// Most bytes held.
     bytes: usize,
     flow_time: f64,
-    /// Wall time of all of it, s, and the processor time that the program got in it, s.
-    wall: f64,
-    given: Option<f64>,
+    /// Time of all steps.
+    all: Lap,
+}
+
+impl Timed {
+    /// Least wall time of an evaluation with its share of the step, s; of a whole second, all of it.
+    fn least_wall(&self, flow: &Flow) -> f64 {
+        if flow.second {
+            return self.all.wall;
+        }
+        self.steps.iter().zip(&self.evaluations).map(|(step, evaluations)| step.wall / evaluations).fold(f64::INFINITY, f64::min)
+    }
 }
 
 /// Times every flow with every number of threads.
@@ -69,7 +77,7 @@ pub fn measure<'a>(
             twin = twin.or(of_twin);
             let record = record(flow, threads, &timed, twin.as_ref(), session, one_thread);
             if threads == 1 {
-                one_thread = record.seconds.map(|seconds| seconds.min);
+                one_thread = Some(timed.least_wall(flow));
             }
             let (name, n, rate) = (flow.name, timed.particles, 1e-6 * record.particle_steps_per_s.unwrap_or(0.0));
             clock.say(&format!("{name}: {n} particles, {threads} threads: {rate:.3} M particle-steps/s"));
@@ -106,24 +114,25 @@ fn time<const D: usize>(
         phases: Vec::new(),
         bytes: 0,
         flow_time: 0.0,
-        wall: 0.0,
-        given: None,
+        all: Watch::start().lap(),
     };
     let phases_before: Vec<(&str, f64)> = simulation.phases().iter().collect();
     let in_loops = |simulation: &Simulation<D>| -> f64 {
         simulation.phases().iter().filter(|(name, _)| PAIR_LOOPS.contains(name)).map(|(_, seconds)| seconds).sum()
     };
-    let (started, given) = (Instant::now(), processor_seconds());
+    let watch = Watch::start();
     loop {
         let loops = in_loops(&simulation);
-        let clock = Instant::now();
+        let step = Watch::start();
         let (_, report) = simulation.advance().map_err(failed)?;
-        timed.steps.push(clock.elapsed().as_secs_f64());
-        timed.loops.push(in_loops(&simulation) - loops);
+        let lap = step.lap();
+        // Phases are wall time; the part of it that went to others is taken to be spread evenly over a step.
+        timed.loops.push((in_loops(&simulation) - loops) * lap.seconds(rayon::current_num_threads()) / lap.wall);
+        timed.steps.push(lap);
         timed.evaluations.push(report.evaluations.unwrap_or(1) as f64);
         timed.iterations.extend(report.iterations.map(|n| n as f64));
         timed.listed = report.listed_pairs;
-        let enough = timed.steps.len() >= plan.repeats && started.elapsed().as_secs_f64() >= plan.seconds;
+        let enough = timed.steps.len() >= plan.repeats && watch.lap().wall >= plan.seconds;
         if if flow.second { simulation.time() >= 1.0 } else { enough } {
             break;
         }
@@ -131,8 +140,7 @@ fn time<const D: usize>(
     let since = |(name, seconds): (&'static str, f64)| {
         (name, seconds - phases_before.iter().find(|(known, _)| *known == name).map_or(0.0, |(_, before)| *before))
     };
-    timed.wall = started.elapsed().as_secs_f64();
-    timed.given = given.zip(processor_seconds()).map(|(before, after)| after - before);
+    timed.all = watch.lap();
     timed.phases = simulation.phases().iter().map(since).collect();
     timed.bytes = memory::most().saturating_sub(before);
     timed.flow_time = simulation.time();
@@ -162,18 +170,18 @@ fn twin<const D: usize>(setup: &Setup<D>, p: &Particles<D>, plan: &Plan) -> Resu
         Ok(())
     })?;
     std::hint::black_box(&sums);
-    Ok(Twin { list: Seconds::of(&lists).min, sums: Seconds::of(&times).min, pairs: list.pairs_of_fluid(p) })
+    Ok(Twin { list: seconds(&lists, 1).min, sums: seconds(&times, 1).min, pairs: list.pairs_of_fluid(p) })
 }
 
 fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, session: &Session, one_thread: Option<f64>) -> Record {
     let n = timed.particles as f64;
     let evaluations: f64 = timed.evaluations.iter().sum();
-    let total: f64 = timed.steps.iter().sum();
+    let total = if flow.second { timed.all.wall } else { timed.steps.iter().map(|step| step.seconds(threads)).sum() };
     // A whole second is one measurement; else each step is one, shared out over its evaluations.
     let seconds = if flow.second {
         Seconds::of(&[total])
     } else {
-        Seconds::of(&timed.steps.iter().zip(&timed.evaluations).map(|(s, e)| s / e).collect::<Vec<_>>())
+        Seconds::of(&timed.steps.iter().zip(&timed.evaluations).map(|(s, e)| s.seconds(threads) / e).collect::<Vec<_>>())
     };
     let evaluation = if flow.second { total / evaluations } else { seconds.min };
     let mut extra = Map::from_iter([
@@ -183,8 +191,9 @@ fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, sessi
         ("seconds_a_step".to_owned(), json!(total / timed.steps.len() as f64)),
         ("flow_time".to_owned(), json!(timed.flow_time)),
     ]);
-    if let Some(given) = timed.given {
-        extra.insert("processor_share".into(), json!(given / (timed.wall * threads as f64)));
+    extra.insert("wall_seconds".into(), json!(timed.least_wall(flow)));
+    if let Some(share) = timed.all.share(threads) {
+        extra.insert("processor_share".into(), json!(share));
     }
     if let Some(listed) = timed.listed {
         extra.insert("listed_pairs".into(), json!(listed));
@@ -193,7 +202,7 @@ fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, sessi
         extra.insert("bytes_per_particle_allowed".into(), json!(base + each * listed as f64 / n));
     }
     if let Some(before) = one_thread.filter(|_| threads > 1) {
-        extra.insert("speed_up".into(), json!(before / seconds.min));
+        extra.insert("speed_up".into(), json!(before / timed.least_wall(flow)));
     }
     let loops = timed.loops.iter().zip(&timed.evaluations).map(|(s, e)| s / e).fold(f64::INFINITY, f64::min);
     let (mut pair_rate, mut ratio) = (None, None);
