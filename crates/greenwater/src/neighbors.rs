@@ -394,11 +394,18 @@ impl<const D: usize> Grid<D> {
         let home = self.cell(x_a);
         let first = home.map(|c| c.saturating_sub(1));
         let last = std::array::from_fn(|d| (home[d] + 1).min(self.cells[d] - 1));
-        self.visit(first, last, |entry| {
-            let reach = support * (0.5 * (h_a + entry.h));
-            if (x_a - entry.x).norm_squared() <= reach * reach && entry.row as usize != a {
-                list.push(entry.row);
+        self.visit(first, last, |entries| {
+            // Every row is written and the next one over it unless it is near: cheaper than a branch that nobody can foresee.
+            let start = list.len();
+            list.resize(start + entries.len(), 0);
+            let room = &mut list[start..];
+            let mut found = 0;
+            for entry in entries {
+                let reach = support * (0.5 * (h_a + entry.h));
+                room[found] = entry.row;
+                found += usize::from(((x_a - entry.x).norm_squared() <= reach * reach) & (entry.row as usize != a));
             }
+            list.truncate(start + found);
         });
     }
 
@@ -410,24 +417,25 @@ impl<const D: usize> Grid<D> {
         }
         let first = std::array::from_fn(|d| (cell(d) - 1.0).max(0.0) as usize);
         let last = std::array::from_fn(|d| ((cell(d) + 1.0) as usize).min(self.cells[d] - 1));
-        self.visit(first, last, |entry| {
-            let reach = support * (0.5 * (h + entry.h));
-            if (x - entry.x).norm_squared() <= reach * reach {
-                list.push(entry.row);
-            }
+        self.visit(first, last, |entries| {
+            let near = |entry: &&Entry<D>| {
+                let reach = support * (0.5 * (h + entry.h));
+                (x - entry.x).norm_squared() <= reach * reach
+            };
+            list.extend(entries.iter().filter(near).map(|entry| entry.row));
         });
     }
 
-    /// Shows the entries of the cells from `first` to `last`: rows of cells along the last axis in order, each one run of entries.
+    /// Shows the entries of the cells from `first` to `last`: rows of cells along the last axis in order, each one run of entries at once.
     #[inline(always)]
-    fn visit(&self, first: [usize; D], last: [usize; D], mut each: impl FnMut(&Entry<D>)) {
+    fn visit(&self, first: [usize; D], last: [usize; D], mut each: impl FnMut(&[Entry<D>])) {
         let mut row = first;
         loop {
             let from = self.starts[self.index(row) as usize] as usize;
             let mut end_of_row = row;
             end_of_row[D - 1] = last[D - 1];
             let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
-            self.entries[from..to].iter().for_each(&mut each);
+            each(&self.entries[from..to]);
             let Some(axis) = (0..D - 1).rev().find(|&d| row[d] < last[d]) else { break };
             row[axis] += 1;
             row[axis + 1..D - 1].copy_from_slice(&first[axis + 1..D - 1]);
