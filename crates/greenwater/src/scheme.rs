@@ -67,6 +67,10 @@ pub struct StepReport {
     pub iterations: Option<usize>,
     /// True relative residual of the pressure solve, dimensionless; absent for explicit methods.
     pub residual: Option<f64>,
+    /// Evaluations of pressure and forces that the step made: its sound steps; absent where it is one.
+    pub evaluations: Option<usize>,
+    /// Pairs in the lists of the step, each from both sides; absent where a method does not say.
+    pub listed_pairs: Option<usize>,
 }
 
 /// Why a step stopped.

@@ -656,6 +656,6 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         // (4) what others read: the pressure of the density
         phases.measure("walls", || self.press_walls(p, domain));
         phases.measure("motion", || self.settle(p, domain, dt));
-        Ok(StepReport::default())
+        Ok(StepReport { evaluations: Some(count as usize), listed_pairs: Some(self.near.pairs()), ..StepReport::default() })
     }
 }
