@@ -128,7 +128,13 @@ impl<K: Kernel<D>, const D: usize> Rows<Shift<D>> for Shifting<'_, K, D> {
                 let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
                 let term = Crowd { reach, per_whole: reach.w_scale() / whole, density: L::splat(own.value::<D>()) };
                 let found = self.pairs.near.sum(a, self.pairs.records, &term);
-                self.shifted(&own, self.h[a], self.strain[a], [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale], found)
+                self.shifted(
+                    &own,
+                    self.h[a],
+                    self.strain[a],
+                    [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale],
+                    found,
+                )
             }
         };
     }
