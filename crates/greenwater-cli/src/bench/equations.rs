@@ -128,9 +128,8 @@ fn record(
     before: &[Record],
 ) -> Record {
     let (n, seconds) = (matrix.rows(), seconds(times, threads));
-    let find = |threads: usize, method: &str| {
-        before.iter().find(|r| r.workload == column.name && r.threads == threads && r.method == method)
-    };
+    let find =
+        |threads: usize, method: &str| before.iter().find(|r| r.workload == column.name && r.threads == threads && r.method == method);
     let mut extra = Map::from_iter([
         ("entries".to_owned(), json!(matrix.entries())),
         ("nanoseconds_an_unknown".to_owned(), json!(1e9 * seconds.min / n as f64)),
