@@ -22,6 +22,7 @@ use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record};
 use crate::physics::state::{EquationOfState, PressureLaw};
+use crate::reduce::sum;
 use crate::sweep::{largest, sweep, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
@@ -262,6 +263,8 @@ pub struct Acoustic<K, const D: usize> {
     linear: Vec<LinearKernel<D>>,
     /// Densities about to replace those of the particles, kg/m³.
     fresh: Vec<f64>,
+    /// Mean density of a domain that fluid fills and cannot leave, kg/m³; none for others.
+    closed: Option<f64>,
     /// Steps since densities were set anew.
     since_reset: u64,
 }
@@ -286,6 +289,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             gradient: Vec::new(),
             linear: Vec::new(),
             fresh: Vec::new(),
+            closed: None,
             since_reset: 0,
         }
     }
@@ -377,6 +381,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             h: &p.h,
         };
         sweep_lanes(self.set, &mut shifts, &shifting);
+        if let (Some(before), Some(now)) = (self.closed, closed_density(p, domain)) {
+            for shift in &mut shifts {
+                shift.change -= now - before;
+            }
+        }
         for (place, shift) in self.place.iter_mut().zip(&shifts) {
             *place = shift.place;
         }
@@ -600,6 +609,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
 fn dilated(density: f64, change: f64, place: Place, rest: f64) -> f64 {
     let density = density + change;
     if place == Place::Surface { density.max(rest) } else { density }
+}
+
+/// Mean density of a domain that is periodic along every axis and full of fluid, kg/m³. Neither its mass nor its volume changes, so that
+/// its mean density does not; the sum of `dρ/dt`, which follows the arrangement, makes it climb while particles leave a lattice.
+fn closed_density<const D: usize>(p: &Particles<D>, domain: &Domain<D>) -> Option<f64> {
+    let full = domain.periodic == [true; D] && (0..p.owned()).all(|a| p.is_fluid(a) && p.surface[a] == 0);
+    full.then(|| sum(p.owned(), |a| p.mass[a] * p.density[a]) / sum(p.owned(), |a| p.mass[a]))
 }
 
 /// Greatest speed of fluid, m/s.

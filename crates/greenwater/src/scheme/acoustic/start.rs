@@ -1,6 +1,6 @@
 //! The first state: speed of sound, lattice, density and pressure.
 
-use super::{Acoustic, Bulk, StartPressure};
+use super::{Acoustic, Bulk, StartPressure, closed_density};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::math::Vector;
@@ -47,6 +47,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             self.release(p, domain)?;
             self.surface(p, domain);
         }
+        self.closed = closed_density(p, domain);
         self.shift(p, domain, 0.0);
         // A step of no length: rates, accelerations and forces of this state.
         self.bulk.fill(Bulk::default());
