@@ -171,18 +171,31 @@ impl<const D: usize> Neighbors<D> {
     /// Fills the segments in parallel; `near(a, list)` appends the neighbours of `a` to `list`.
     fn list_by(&mut self, p: &Particles<D>, near: impl Fn(usize, &mut Vec<u32>) + Sync) {
         let (owned, nobody) = (p.owned(), self.nobody);
-        self.segments.par_iter_mut().enumerate().for_each(|(block, segment)| {
+        // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
+        self.segments.par_iter_mut().enumerate().for_each_init(Vec::new, |list, (block, segment)| {
             segment.ends.clear();
-            segment.list.clear();
+            list.clear();
             for a in block * BLOCK..owned.min((block + 1) * BLOCK) {
-                segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
+                list.resize(list.len().next_multiple_of(LANES), nobody);
                 if p.kind[a] != Kind::Lost {
-                    near(a, &mut segment.list);
+                    near(a, list);
                 }
-                segment.ends.push(segment.list.len() as u32);
+                segment.ends.push(list.len() as u32);
             }
-            segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
+            list.resize(list.len().next_multiple_of(LANES), nobody);
+            segment.list.clear();
+            if segment.list.capacity() < list.len() {
+                segment.list.reserve_exact(list.len() + list.len() / 16);
+            }
+            segment.list.extend_from_slice(list);
         });
+    }
+
+    /// The real rows in the order of the cells of the last build, cell by cell: near each other in memory, near each other in space. Lost
+    /// rows come last. Empty after a direct search.
+    pub(crate) fn order(&self, p: &Particles<D>) -> Vec<u32> {
+        let sorted = &self.grid.entries[..if self.grid.starts.is_empty() { 0 } else { self.grid.entries.len() }];
+        sorted.iter().map(|entry| entry.row).filter(|&row| (row as usize) < p.owned()).collect()
     }
 
     /// Takes the positions of now without a new search: pairs stay those of the build, their distances are today's.

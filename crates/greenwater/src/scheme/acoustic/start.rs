@@ -26,7 +26,7 @@ const RESIDUAL: f64 = 1e-8;
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Fills what follows from positions, velocities and the wanted start.
     pub(super) fn first_state(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
-        self.since_reset = 0;
+        (self.since_reset, self.since_order) = (0, 0);
         if let Some(factor) = self.plan.sound_factor {
             self.plan.state.sound = factor * reference_speed(&self.medium, p);
         }
