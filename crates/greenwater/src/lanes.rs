@@ -282,12 +282,12 @@ impl Lanes for Portable {
     }
 }
 
-/// Panics unless every row is below `count`: what the unchecked loads of the vector units rely on.
+/// What happens where a row lies beyond the records.
 #[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn check_rows(rows: &[u32; LANES], count: usize) {
-    let last = rows.iter().fold(0, |last, &row| last.max(row));
-    assert!((last as usize) < count, "row {last} of {count} records");
+#[cold]
+#[inline(never)]
+fn beyond(rows: &[u32; LANES], count: usize) -> ! {
+    panic!("a row of {rows:?} is beyond {count} records");
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -298,7 +298,7 @@ mod x86 {
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
-    use super::{LANES, Lanes, Real, Record, check_rows};
+    use super::{LANES, Lanes, Real, Record, beyond};
 
     /// One register of AVX-512.
     #[derive(Clone, Copy, Debug)]
@@ -393,8 +393,11 @@ mod x86 {
         /// Halves of two records share a register, so that three rounds of shuffles put eight fields in order.
         #[inline(always)]
         fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
-            check_rows(rows, records.len());
             unsafe {
+                let count = _mm256_set1_epi32(records.len().min(u32::MAX as usize) as i32);
+                if _mm256_cmpge_epu32_mask(_mm256_loadu_si256(rows.as_ptr().cast()), count) != 0 {
+                    beyond(rows, records.len());
+                }
                 let [a, b, c, d] = four_fields::<0>(records, rows);
                 let [e, f, g, h] = four_fields::<4>(records, rows);
                 [a, b, c, d, e, f, g, h]
@@ -563,8 +566,13 @@ mod x86 {
 
         #[inline(always)]
         fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
-            check_rows(rows, records.len());
             unsafe {
+                let (all, count) =
+                    (_mm256_loadu_si256(rows.as_ptr().cast()), _mm256_set1_epi32(records.len().min(u32::MAX as usize) as i32));
+                // Where the row is the larger of row and count, it is beyond.
+                if _mm256_movemask_epi8(_mm256_cmpeq_epi32(_mm256_max_epu32(all, count), all)) != 0 {
+                    beyond(rows, records.len());
+                }
                 let (a, b) = (four_by_four::<0, 0>(records, rows), four_by_four::<4, 0>(records, rows));
                 let (c, d) = (four_by_four::<0, 4>(records, rows), four_by_four::<4, 4>(records, rows));
                 [
@@ -613,7 +621,12 @@ impl InstructionSet {
     #[cfg(target_arch = "x86_64")]
     pub fn is_here(self) -> bool {
         match self {
-            Self::Avx512 => Self::Avx2.is_here() && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl"),
+            Self::Avx512 => {
+                Self::Avx2.is_here()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
             Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
             Self::Portable => true,
         }
@@ -723,7 +736,21 @@ mod tests {
             }
             let [a, b, ..] = fields;
             let mask = a.below(b);
-            for value in [a + b, a - b, a * b, a / b, -a, a + 1.5, a - 1.5, a * 1.5, (a * a).root(), a.at_least(b), a.at_most(b), a.size(), a.times_plus(b, -a)] {
+            for value in [
+                a + b,
+                a - b,
+                a * b,
+                a / b,
+                -a,
+                a + 1.5,
+                a - 1.5,
+                a * 1.5,
+                (a * a).root(),
+                a.at_least(b),
+                a.at_most(b),
+                a.size(),
+                a.times_plus(b, -a),
+            ] {
                 self.out.extend(value.to_array());
                 self.out.push(value.total());
             }
@@ -735,8 +762,9 @@ mod tests {
     }
 
     fn all_of(set: InstructionSet) -> Vec<u64> {
-        let records: Vec<Record> =
-            (0..4).map(|row| Record(std::array::from_fn(|field| f64::from(row * 8 + field as i32 - 9) * 0.37 * f64::from(1 - 2 * (row % 2))))).collect();
+        let records: Vec<Record> = (0..4)
+            .map(|row| Record(std::array::from_fn(|field| f64::from(row * 8 + field as i32 - 9) * 0.37 * f64::from(1 - 2 * (row % 2)))))
+            .collect();
         let mut out = Vec::new();
         dispatch(set, Everything { records: &records, out: &mut out });
         out.into_iter().map(f64::to_bits).collect()
@@ -760,7 +788,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "row 4 of 4 records")]
+    #[should_panic(expected = "beyond 4 records")]
     fn rows_beyond_the_records_are_refused() {
         struct Beyond;
         impl Job for Beyond {
@@ -770,7 +798,7 @@ mod tests {
         }
         let set = InstructionSet::of_this_machine();
         // Portable loads are checked by the compiler, with words of its own.
-        assert!(set != InstructionSet::Portable, "row 4 of 4 records");
+        assert!(set != InstructionSet::Portable, "beyond 4 records");
         dispatch(set, Beyond);
     }
 }

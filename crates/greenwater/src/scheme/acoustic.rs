@@ -13,7 +13,7 @@ use self::sums::{DensitySlope, Dilation, Kick, Looking, Shifting};
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::lanes::{InstructionSet, Real, Record, sweep_lanes, sweep_lanes2};
+use crate::lanes::{InstructionSet, LANES, Real, Record, sweep_lanes, sweep_lanes2};
 use crate::math::Vector;
 use crate::neighbors::{NOBODY, Neighbors, Search};
 use crate::particles::{Kind, Particles};
@@ -23,7 +23,7 @@ use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record};
 use crate::physics::state::{EquationOfState, PressureLaw};
 use crate::reduce::sum;
-use crate::sweep::{largest, sweep, update2};
+use crate::sweep::{largest, sweep, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
 
@@ -194,11 +194,23 @@ struct Shift<const D: usize> {
     pull: f64,
     /// Least pressure that the fluid bears, Pa.
     least: f64,
-    place: Place,
 }
 
 impl<const D: usize> Shift<D> {
-    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, least: f64::NEG_INFINITY, place: Place::Dry };
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, least: f64::NEG_INFINITY };
+
+    /// As a record: between two steps those of `middle` hold nothing else.
+    fn to_record(self) -> Record {
+        let mut fields = [0.0; LANES];
+        fields[..D].copy_from_slice(&self.by.0);
+        [fields[D], fields[D + 1], fields[D + 2]] = [self.change, self.pull, self.least];
+        Record(fields)
+    }
+
+    fn from_record(record: &Record) -> Self {
+        let [change, pull, least] = [record.0[D], record.0[D + 1], record.0[D + 2]];
+        Self { by: record.x(), change, pull, least }
+    }
 }
 
 /// What sound changes in a particle of fluid, beside where it is and how it moves.
@@ -229,6 +241,10 @@ impl Bulk {
 /// the largest when they are missed, and are missed from both sides.
 const SKIN: f64 = 0.1;
 
+/// Steps after which particles are numbered anew. The fastest move by a quarter of a smoothing length in a step: by ten neighbourhoods or so
+/// meanwhile, and most far less.
+const ORDER_EVERY: u64 = 64;
+
 /// A weakly compressible method in sound steps; the constructors are in the files of the methods.
 ///
 /// Sources: Zhang, Rezavand & Hu, J. Comput. Phys. 404 (2020) 109135 (steps); Adami, Hu & Adams, J. Comput. Phys. 231 (2012)
@@ -249,12 +265,11 @@ pub struct Acoustic<K, const D: usize> {
     lengths: Vec<f64>,
     /// Of all rows, and nobody.
     place: Vec<Place>,
-    /// Positions, velocities and pressures in the middle of a sound step; of all rows, and nobody.
+    /// Positions, velocities and pressures in the middle of a sound step; of all rows, and nobody. Before the first sound step: shifts.
     middle: Vec<Record>,
     /// Positions, velocities and densities at its end.
     end: Vec<Record>,
     bulk: Vec<Bulk>,
-    shifts: Vec<Shift<D>>,
     /// Rate of strain of fluid, 1/s.
     strain: Vec<f64>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
@@ -267,6 +282,8 @@ pub struct Acoustic<K, const D: usize> {
     closed: Option<f64>,
     /// Steps since densities were set anew.
     since_reset: u64,
+    /// Steps since particles were numbered anew.
+    since_order: u64,
 }
 
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
@@ -284,19 +301,25 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             middle: Vec::new(),
             end: Vec::new(),
             bulk: Vec::new(),
-            shifts: Vec::new(),
             strain: Vec::new(),
             gradient: Vec::new(),
             linear: Vec::new(),
             fresh: Vec::new(),
             closed: None,
             since_reset: 0,
+            since_order: 0,
         }
     }
 
     /// The same method with other pair terms.
     pub(super) fn with_flux(mut self, flux: AnyFlux) -> Self {
         self.plan.flux = flux;
+        self
+    }
+
+    /// The same method with other instructions than the best of this machine: the same bits, at another speed.
+    pub fn on(mut self, set: InstructionSet) -> Self {
+        self.set = set;
         self
     }
 
@@ -361,8 +384,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// along it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
     fn shift(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
         let owned = p.owned();
-        let mut shifts = std::mem::take(&mut self.shifts);
-        shifts.resize(owned, Shift::NONE);
+        let (mut middle, mut place) = (std::mem::take(&mut self.middle), std::mem::take(&mut self.place));
         let shifting = Shifting {
             pairs: self.pairs(&self.end),
             scale: self.volume_scale(),
@@ -374,28 +396,26 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             kind: &p.kind,
             h: &p.h,
         };
-        sweep_lanes(self.set, &mut shifts, &shifting);
+        sweep_lanes2(self.set, &mut middle[..owned], &mut place[..owned], &shifting);
         if let (Some(before), Some(now)) = (self.closed, closed_density(p, domain)) {
-            for shift in &mut shifts {
-                shift.change -= now - before;
-            }
+            update(&mut middle[..owned], |_, record| {
+                let shift = Shift::<D>::from_record(record);
+                *record = Shift { change: shift.change - (now - before), ..shift }.to_record();
+            });
         }
-        for (place, shift) in self.place.iter_mut().zip(&shifts) {
-            *place = shift.place;
+        for &a in self.walls.wet() {
+            place[a as usize] = Place::Wet;
         }
-        self.shifts = shifts;
-        for (a, _) in self.walls.pressures() {
-            self.place[a] = Place::Wet;
-        }
-        domain.refresh_column(&mut self.place[..p.len()]);
+        domain.refresh_column(&mut place[..p.len()]);
+        (self.middle, self.place) = (middle, place);
     }
 
     /// The first half of a sound step from the state of `p`, shifted: `x^{1/2}`, `ρ^{1/2}` and their pressure.
     fn set_out(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64) {
-        let (state, damping, shifts, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.shifts, &self.place);
+        let (state, damping, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.place);
         let owned = p.owned();
         update2(&mut self.middle[..owned], &mut self.bulk, |a, middle, bulk| {
-            let Shift { by, change, pull, least, .. } = shifts[a];
+            let Shift { by, change, pull, least } = Shift::from_record(middle);
             *middle = match p.kind[a] {
                 Kind::Fluid => {
                     (bulk.pull, bulk.least) = (pull, least);
@@ -638,6 +658,20 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         }
     }
 
+    /// In the order of cells, now and then: what a sum reads of neighbours then lies near each other, however the flow has mixed them.
+    fn renumber(&mut self, p: &mut Particles<D>) {
+        self.since_order += 1;
+        if self.since_order < ORDER_EVERY {
+            return;
+        }
+        self.since_order = 0;
+        let order = self.near.order(p);
+        if order.len() == p.owned() {
+            p.reorder(&order);
+            self.bulk = order.iter().map(|&row| self.bulk[row as usize]).collect();
+        }
+    }
+
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
         // (1) pairs, free surface, shift: once a step
         phases.measure("search", || self.search(p, domain))?;
@@ -666,6 +700,6 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         // (4) what others read: the pressure of the density
         phases.measure("walls", || self.press_walls(p, domain));
         phases.measure("motion", || self.settle(p, domain, dt));
-        Ok(StepReport::default())
+        Ok(StepReport { evaluations: Some(count as usize), listed_pairs: Some(self.near.pairs()), ..StepReport::default() })
     }
 }

@@ -116,13 +116,13 @@ pub(super) struct Shifting<'a, K, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, const D: usize> Rows<Shift<D>> for Shifting<'_, K, D> {
+impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, out: &mut Shift<D>, _: &mut ()) {
+    fn row<L: Lanes>(&self, a: usize, out: &mut Record, place: &mut Place) {
         let own = self.pairs.records[a];
-        *out = match self.kind[a] {
-            Kind::Wall | Kind::Lost => Shift::NONE,
-            Kind::Fluid if own.v::<D>() != Vector::ZERO => Shift { place: Place::Surface, ..Shift::NONE },
+        let (shift, found) = match self.kind[a] {
+            Kind::Wall | Kind::Lost => (Shift::NONE, Place::Dry),
+            Kind::Fluid if own.v::<D>() != Vector::ZERO => (Shift::<D>::NONE, Place::Surface),
             Kind::Fluid => {
                 let reach = self.pairs.reach::<L>(self.h[a]);
                 let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
@@ -137,13 +137,14 @@ impl<K: Kernel<D>, const D: usize> Rows<Shift<D>> for Shifting<'_, K, D> {
                 )
             }
         };
+        (*out, *place) = (shift.to_record(), found);
     }
 }
 
 impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
     /// `scales`: of `V W` and of `V ∇W` over those of the sums.
     #[inline(always)]
-    fn shifted<L: Lanes>(&self, own: &Record, h: f64, strain: f64, scales: [f64; 2], found: Crowding<L, D>) -> Shift<D> {
+    fn shifted<L: Lanes>(&self, own: &Record, h: f64, strain: f64, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
         let Plan { shifting, volume_control, state, suction, .. } = *self.plan;
         let outward = totals(found.outward);
         let length = outward.norm();
@@ -159,7 +160,7 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
         let correction = renormalisation(&tensor(-scales[1], found.moments)).unwrap_or([Vector::ZERO; D]);
         let parts = suction == WallSuction::None && found.at_wall.total() > 0.0;
         let least = if parts { 0.0 } else { f64::NEG_INFINITY };
-        Shift { by, change: contract(&correction, scales[1] * totals(found.gradient)).dot(by), pull, least, place }
+        (Shift { by, change: contract(&correction, scales[1] * totals(found.gradient)).dot(by), pull, least }, place)
     }
 }
 
