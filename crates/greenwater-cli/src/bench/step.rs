@@ -96,8 +96,7 @@ fn time<const D: usize>(
 ) -> Result<(Timed, Option<Twin>), BenchError> {
     let particles = setup.particles.owned();
     let failed = |source| BenchError::Run { method: flow.method.name(), particles, source };
-    let before = memory::held();
-    memory::forget_most();
+    let gauge = memory::Gauge::start();
     let mut simulation = simulation(setup)?;
     simulation.start().map_err(failed)?;
     for _ in 0..if plan.quick { flow.warm_up.min(2) } else { flow.warm_up } {
@@ -142,7 +141,7 @@ fn time<const D: usize>(
     };
     timed.all = watch.lap();
     timed.phases = simulation.phases().iter().map(since).collect();
-    timed.bytes = memory::most().saturating_sub(before);
+    timed.bytes = gauge.peak();
     timed.flow_time = simulation.time();
     let twin = if with_twin && flow.method == MethodName::DeltaSph { Some(twin(setup, simulation.particles(), plan)?) } else { None };
     Ok((timed, twin))
@@ -176,7 +175,7 @@ fn twin<const D: usize>(setup: &Setup<D>, p: &Particles<D>, plan: &Plan) -> Resu
 fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, session: &Session, one_thread: Option<f64>) -> Record {
     let n = timed.particles as f64;
     let evaluations: f64 = timed.evaluations.iter().sum();
-    let total = if flow.second { timed.all.wall } else { timed.steps.iter().map(|step| step.seconds(threads)).sum() };
+    let total = if flow.second { timed.all.seconds(threads) } else { timed.steps.iter().map(|step| step.seconds(threads)).sum() };
     // A whole second is one measurement; else each step is one, shared out over its evaluations.
     let seconds = if flow.second {
         Seconds::of(&[total])
