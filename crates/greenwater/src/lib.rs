@@ -3,6 +3,7 @@
 pub mod case;
 pub mod domain;
 pub mod formula;
+mod gather;
 pub mod kernel;
 pub mod lanes;
 pub mod machine;

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::lanes::{LANES, Lanes, Record};
+use crate::lanes::{InstructionSet, Job, LANES, Lanes, Record, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 use crate::sweep::BLOCK;
@@ -105,6 +105,12 @@ pub(crate) trait Term<L: Lanes, const D: usize> {
     fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Self::Totals);
 }
 
+/// What is found for each row and each of its pairs; `row` must be `#[inline(always)]`, see [`Job`].
+pub(crate) trait RowsOfPairs<T>: Sync {
+    /// Pushes a value for each neighbour of `a`, in the order of [`Neighbors::for_each`], whole eights or not; answers what belongs to `a`.
+    fn row<L: Lanes>(&self, a: usize, values: &mut Vec<f64>) -> T;
+}
+
 /// The record behind all others: nobody, out of everyone's reach. 1e30 m: its square is a number, too.
 pub(crate) const NOBODY: Record = {
     let mut fields = [0.0; LANES];
@@ -165,18 +171,31 @@ impl<const D: usize> Neighbors<D> {
     /// Fills the segments in parallel; `near(a, list)` appends the neighbours of `a` to `list`.
     fn list_by(&mut self, p: &Particles<D>, near: impl Fn(usize, &mut Vec<u32>) + Sync) {
         let (owned, nobody) = (p.owned(), self.nobody);
-        self.segments.par_iter_mut().enumerate().for_each(|(block, segment)| {
+        // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
+        self.segments.par_iter_mut().enumerate().for_each_init(Vec::new, |list, (block, segment)| {
             segment.ends.clear();
-            segment.list.clear();
+            list.clear();
             for a in block * BLOCK..owned.min((block + 1) * BLOCK) {
-                segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
+                list.resize(list.len().next_multiple_of(LANES), nobody);
                 if p.kind[a] != Kind::Lost {
-                    near(a, &mut segment.list);
+                    near(a, list);
                 }
-                segment.ends.push(segment.list.len() as u32);
+                segment.ends.push(list.len() as u32);
             }
-            segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
+            list.resize(list.len().next_multiple_of(LANES), nobody);
+            segment.list.clear();
+            if segment.list.capacity() < list.len() {
+                segment.list.reserve_exact(list.len() + list.len() / 16);
+            }
+            segment.list.extend_from_slice(list);
         });
+    }
+
+    /// The real rows in the order of the cells of the last build, cell by cell: near each other in memory, near each other in space. Lost
+    /// rows come last. Empty after a direct search.
+    pub(crate) fn order(&self, p: &Particles<D>) -> Vec<u32> {
+        let sorted = &self.grid.entries[..if self.grid.starts.is_empty() { 0 } else { self.grid.entries.len() }];
+        sorted.iter().map(|entry| entry.row).filter(|&row| (row as usize) < p.owned()).collect()
     }
 
     /// Takes the positions of now without a new search: pairs stay those of the build, their distances are today's.
@@ -263,6 +282,32 @@ impl<const D: usize> Neighbors<D> {
                 self.for_each(a, |pair| values.push(value(a, &pair)));
                 values.resize(values.len().next_multiple_of(LANES), 0.0);
             }
+        });
+    }
+
+    /// Fills a column row by row and finds something else for each row, with vectors of any kind; see [`RowsOfPairs`].
+    pub(crate) fn fill_rows<T: Send, R: RowsOfPairs<T>>(&self, set: InstructionSet, column: &mut PairColumn, out: &mut [T], rows: &R) {
+        struct Block<'a, T, R> {
+            start: usize,
+            values: &'a mut Vec<f64>,
+            out: &'a mut [T],
+            rows: &'a R,
+        }
+
+        impl<T, R: RowsOfPairs<T>> Job for Block<'_, T, R> {
+            #[inline(always)]
+            fn run<L: Lanes>(self) {
+                for (i, out) in self.out.iter_mut().enumerate() {
+                    *out = self.rows.row::<L>(self.start + i, self.values);
+                    self.values.resize(self.values.len().next_multiple_of(LANES), 0.0);
+                }
+            }
+        }
+
+        column.segments.resize_with(self.segments.len(), Vec::new);
+        column.segments.par_iter_mut().zip(out.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (values, out))| {
+            values.clear();
+            dispatch(set, Block { start: block * BLOCK, values, out, rows });
         });
     }
 

@@ -15,10 +15,12 @@ mod preconditioner;
 pub mod projection;
 mod report;
 mod settings;
+mod sliced;
 mod solver;
 
 pub use csr::{CsrMatrix, Row};
 pub use dense::DENSE_LIMIT_BYTES;
 pub use report::{SolveError, SolveReport};
 pub use settings::{PreconditionerKind, SolverMethod, SolverSettings};
+pub use sliced::{Arms, Sliced, SlicedRow};
 pub use solver::LinearSolver;

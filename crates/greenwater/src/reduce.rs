@@ -48,6 +48,25 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     })
 }
 
+/// `Σ a_i b_i` of numbers in single precision, each product in double; the same bits for any number of threads.
+pub fn dot_single(a: &[f32], b: &[f32]) -> f64 {
+    assert_eq!(a.len(), b.len(), "dot product of vectors of different lengths");
+    over_blocks(a.len(), &|block: Range<usize>| {
+        let (a, a_rest) = a[block.clone()].as_chunks::<LANES>();
+        let (b, b_rest) = b[block].as_chunks::<LANES>();
+        let mut lanes = [0.0; LANES];
+        for (a, b) in a.iter().zip(b) {
+            for lane in 0..LANES {
+                lanes[lane] += f64::from(a[lane]) * f64::from(b[lane]);
+            }
+        }
+        for (lane, (a, b)) in lanes.iter_mut().zip(a_rest.iter().zip(b_rest)) {
+            *lane += f64::from(*a) * f64::from(*b);
+        }
+        join_lanes(lanes)
+    })
+}
+
 /// Euclidean norm `√(Σ a_i²)`, the same bits for any number of threads.
 pub fn norm(a: &[f64]) -> f64 {
     dot(a, a).sqrt()

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// The modules of the library, from the ground up. One may use those of lower levels, and itself.
 const LEVELS: [&[&str]; 13] = [
-    &["machine", "error", "formula", "reduce", "sweep", "time"],
+    &["machine", "error", "formula", "gather", "reduce", "sweep", "time"],
     &["lanes"],
     &["math"],
     &["kernel", "particles"],

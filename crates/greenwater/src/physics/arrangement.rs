@@ -1,10 +1,13 @@
 //! What the arrangement of its neighbours says about a particle: where the surface is, how evenly it is surrounded, how full it is.
 
+use std::cell::RefCell;
+
 use super::lattice::Lattice;
+use super::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, scaled, splat, totals};
 use crate::kernel::Kernel;
+use crate::lanes::Lanes;
 use crate::math::{Matrix, Vector, identity, inverse, smallest_eigenvalue};
-use crate::neighbors::{Neighbors, PairColumn};
-use crate::particles::Particles;
+use crate::neighbors::{Neighbors, Octet, PairColumn, Term};
 
 /// Where a particle is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +36,8 @@ pub struct Arrangement<const D: usize> {
     pub crowding: Vector<D>,
     /// `Σ f x_ab` over walls, 1/m: points away from them.
     pub off_walls: Vector<D>,
+    /// `Σ f min(v_ab·x_ab, 0) x_ab/r²` over fluid, 1/(m s): what is to be damped of the approach of pairs.
+    pub approach: Vector<D>,
     /// Makes the pressure gradient exact for linear fields: the inverse of `Σ f x_ab ⊗ x_ab` over fluid and `Σ f (n·x_ab)² n ⊗ n` over
     /// walls of normal `n`, whose pressure is known along the normal only; blended to the identity where neighbours are too few.
     pub correction: Matrix<D>,
@@ -75,6 +80,7 @@ impl<const D: usize> Arrangement<D> {
             slope: Vector::ZERO,
             crowding: Vector::ZERO,
             off_walls: Vector::ZERO,
+            approach: Vector::ZERO,
             correction: identity(),
             deficit: 0.0,
             may_be_foam: 0.0,
@@ -84,33 +90,41 @@ impl<const D: usize> Arrangement<D> {
         }
     }
 
-    /// Sums over the neighbours of fluid particle `a`, and whether it is on the surface; nobody is near one yet.
-    pub fn of<K: Kernel<D>>(kernel: K, l: &Lattice, near: &Neighbors<D>, p: &Particles<D>, normals: &[Vector<D>], a: usize) -> Self {
-        let (h, rest_density) = (near.h(a), l.rest_density);
+    /// Sums over the neighbours of fluid particle `a`, and whether it is on the surface; nobody is near one yet. Records carry velocities of fluid and
+    /// normals of walls. Appends `f_ab` of each neighbour to `weights`, if any are wanted.
+    #[inline(always)]
+    pub(crate) fn of<K: Kernel<D>, L: Lanes>(pairs: &Pairs<'_, K, D>, l: &Lattice, a: usize, weights: Option<&mut Vec<f64>>) -> Self {
+        let (own, h) = (pairs.records[a], pairs.near.h(a));
+        let reach = pairs.reach::<L>(h);
+        let around = Around {
+            kernel: pairs.kernel,
+            reach,
+            scales: [reach.w_scale(), reach.slope_scale()],
+            mass: L::splat(own.mass::<D>()),
+            v: splat(own.v()),
+            half_over_rest: 0.5 / l.rest_density,
+            over_spacing: 1.0 / l.w_spacing,
+            lengths: pairs.lengths.is_some(),
+            weights: weights.map(RefCell::new),
+        };
+        let sums = pairs.near.sum(a, pairs.records, &around);
         let mut at = Self::alone();
-        at.filling = p.mass[a] / rest_density * kernel.w(0.0, h);
+        at.filling = own.mass::<D>() / l.rest_density * pairs.kernel.w(0.0, h) + sums.filling.total();
+        at.spread = sums.spread.total();
+        at.links = 2.0 * sums.links.total();
+        at.slope = -totals(sums.slope);
+        at.crowding = -totals(sums.crowding);
+        at.off_walls = totals(sums.off_walls);
+        at.approach = totals(sums.approach);
         let (mut moment, mut known) = ([Vector::ZERO; D], [Vector::ZERO; D]);
-        near.for_each(a, |pair| {
-            let volume = 0.5 * (p.mass[a] + p.mass[pair.b]) / rest_density;
-            let f = -volume * kernel.dw_over_r(pair.r, pair.h);
-            let w = kernel.w(pair.r, pair.h);
-            at.filling += volume * w;
-            at.spread += f * pair.r * pair.r;
-            at.links += 2.0 * f;
-            at.slope -= f * pair.x_ab;
-            let square = (w / l.w_spacing) * (w / l.w_spacing);
-            at.crowding -= f * (1.0 + 0.2 * square * square) * pair.x_ab;
-            for (row, x) in moment.iter_mut().zip(pair.x_ab.0) {
-                *row += f * x * pair.x_ab;
+        for i in 0..D {
+            for j in i..D {
+                moment[i][j] = sums.moment[i][j].total();
+                moment[j][i] = moment[i][j];
+                known[i][j] = sums.known[i][j].total();
+                known[j][i] = known[i][j];
             }
-            if !p.is_fluid(pair.b) {
-                at.off_walls += f * pair.x_ab;
-                let along = known_along(pair.x_ab, normals[pair.b]);
-                for i in 0..D {
-                    known[i] += f * (along[i] * along - pair.x_ab[i] * pair.x_ab);
-                }
-            }
-        });
+        }
         at.filling /= l.sum_w;
         at.spread /= l.spread;
         let evenness = smallest_eigenvalue(&moment) / (l.spread / D as f64);
@@ -229,12 +243,109 @@ impl<const D: usize> Arrangement<D> {
     }
 }
 
+/// The sums an [`Arrangement`] is made of.
+struct Around<'a, K, L, const D: usize> {
+    kernel: K,
+    reach: Reach<'a, K, L>,
+    /// Of `W` and of `W'/r`.
+    scales: [f64; 2],
+    /// Mass of the particle, kg (kg/m in 2D).
+    mass: L,
+    /// Its velocity, m/s.
+    v: [L; D],
+    /// `1/(2 ρ0)`, m³/kg.
+    half_over_rest: f64,
+    /// `1/W(Δ)`, mᴰ.
+    over_spacing: f64,
+    /// Whether smoothing lengths differ.
+    lengths: bool,
+    /// Where `f` goes.
+    weights: Option<RefCell<&'a mut Vec<f64>>>,
+}
+
+/// Lanes of [`Around`].
+struct Sums<L, const D: usize> {
+    filling: L,
+    spread: L,
+    links: L,
+    slope: [L; D],
+    crowding: [L; D],
+    off_walls: [L; D],
+    approach: [L; D],
+    moment: [[L; D]; D],
+    known: [[L; D]; D],
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> {
+    type Totals = Sums<L, D>;
+
+    #[inline(always)]
+    fn nothing(&self) -> Sums<L, D> {
+        let zero = L::splat(0.0);
+        Sums {
+            filling: zero,
+            spread: zero,
+            links: zero,
+            slope: [zero; D],
+            crowding: [zero; D],
+            off_walls: [zero; D],
+            approach: [zero; D],
+            moment: [[zero; D]; D],
+            known: [[zero; D]; D],
+        }
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, sums: &mut Sums<L, D>) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let volume = (self.mass + b.mass) * self.half_over_rest;
+        // Of the pair, not of the particle: both have the same bits for it.
+        let (w, dw) = if self.lengths {
+            let h = self.reach.lengths(octet.rows);
+            (self.kernel.w(octet.r, h), self.kernel.dw_over_r(octet.r, h))
+        } else {
+            (self.reach.w(octet) * self.scales[0], self.reach.slope(octet) * self.scales[1])
+        };
+        let f = -(volume * dw);
+        if let Some(weights) = &self.weights {
+            weights.borrow_mut().extend_from_slice(&f.to_array());
+        }
+        let x = &octet.x_ab;
+        sums.filling = volume.times_plus(w, sums.filling);
+        sums.spread = (f * octet.r).times_plus(octet.r, sums.spread);
+        sums.links = sums.links + f;
+        add_scaled(&mut sums.slope, f, x);
+        let close = w * self.over_spacing;
+        let square = close * close;
+        add_scaled(&mut sums.crowding, f * (square * square * 0.2 + 1.0), x);
+        // Walls count along their normals; those without one count in full.
+        let wall = L::choose(b.wall, f, L::splat(0.0));
+        add_scaled(&mut sums.off_walls, wall, x);
+        // Between fluid only; nothing comes of particles at one place.
+        let square = (octet.r * octet.r).at_least(L::splat(f64::MIN_POSITIVE));
+        let approach = dot(&difference(&self.v, &b.v), x).at_most(L::splat(0.0));
+        add_scaled(&mut sums.approach, (f - wall) * approach / square, x);
+        let normal_length = dot(&b.v, &b.v);
+        let along = scaled(dot(&b.v, x), &b.v);
+        for i in 0..D {
+            for j in i..D {
+                sums.moment[i][j] = (f * x[i]).times_plus(x[j], sums.moment[i][j]);
+                let less = along[i] * along[j] - x[i] * x[j];
+                let known = L::choose(L::splat(0.0).below(normal_length), less, L::splat(0.0));
+                sums.known[i][j] = wall.times_plus(known, sums.known[i][j]);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::kernel::WendlandC2;
-    use crate::neighbors::Search;
-    use crate::particles::{Kind, Particle};
+    use crate::lanes::{InstructionSet, Job, Record, dispatch};
+    use crate::neighbors::{NOBODY, Search};
+    use crate::particles::{Kind, Particle, Particles};
+    use crate::physics::pairs::record;
 
     /// A disordered block of 12 by 12 on a floor of three lines, all of unit spacing; its normals.
     fn block(jitter: f64) -> (Particles<2>, Vec<Vector<2>>) {
@@ -260,6 +371,22 @@ mod tests {
         Lattice::of::<_, 2>(WendlandC2, 1.3, 1.0, 1.0)
     }
 
+    /// That of particle `a`, on this machine.
+    fn arrangement(near: &Neighbors<2>, p: &Particles<2>, normals: &[Vector<2>], a: usize) -> Arrangement<2> {
+        struct One<'a>(Pairs<'a, WendlandC2, 2>, usize, &'a mut Arrangement<2>);
+        impl Job for One<'_> {
+            fn run<L: Lanes>(self) {
+                *self.2 = Arrangement::of::<_, L>(&self.0, &lattice(), self.1, None);
+            }
+        }
+        let set = InstructionSet::of_this_machine();
+        let mut records: Vec<Record> = (0..p.len()).map(|a| record(p.x[a], normals[a], 0.0, p.mass[a], !p.is_fluid(a))).collect();
+        records.push(NOBODY);
+        let mut at = Arrangement::alone();
+        dispatch(set, One(Pairs { set, kernel: WendlandC2, near, records: &records, lengths: None }, a, &mut at));
+        at
+    }
+
     /// Corrected differences of `p = c·x` are `c` for any arrangement with enough neighbours, although the wall gives the part of
     /// `c` along its normal only. 1e-12: rounding of some twenty terms.
     #[test]
@@ -270,7 +397,7 @@ mod tests {
         let slope = Vector([3.0, -2.0]);
         let mut tried = 0;
         for a in (0..p.len()).filter(|&a| p.is_fluid(a) && (2.0..10.0).contains(&p.x[a][0])) {
-            let at = Arrangement::of(WendlandC2, &lattice(), &near, &p, &normals, a);
+            let at = arrangement(&near, &p, &normals, a);
             let mut differences = Vector::ZERO;
             near.for_each(a, |pair| {
                 let f = -WendlandC2.slope(pair.r);
@@ -300,9 +427,8 @@ mod tests {
         let mut f = PairColumn::default();
         near.fill(&mut f, |_, pair| -WendlandC2.slope(pair.r));
         let l = lattice();
-        let mut at: Vec<_> = (0..p.len())
-            .map(|a| if p.is_fluid(a) { Arrangement::of(WendlandC2, &l, &near, &p, &normals, a) } else { Arrangement::alone() })
-            .collect();
+        let mut at: Vec<_> =
+            (0..p.len()).map(|a| if p.is_fluid(a) { arrangement(&near, &p, &normals, a) } else { Arrangement::alone() }).collect();
         let places: Vec<_> = at.iter().map(|at| at.place).collect();
         for a in (0..p.len()).filter(|&a| p.is_fluid(a)) {
             at[a].look_for_surface(&l, &near, &f, &places, a);

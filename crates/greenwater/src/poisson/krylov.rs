@@ -8,6 +8,7 @@
 use super::CsrMatrix;
 use super::csr::{add_scaled, scale_add};
 use super::preconditioner::Preconditioner;
+use super::sliced::Sliced;
 use crate::reduce::{dot, norm};
 
 /// `A x = b` as one restart sees it.
@@ -76,6 +77,39 @@ pub(super) fn cg(system: &mut System, x: &mut [f64], v: &mut Vectors) -> Result<
         scale_add(p, rz / rz_old, z);
     }
     Ok(system.budget)
+}
+
+/// Conjugate gradients with multigrid on a matrix in slices, until the residual has fallen to `target` or for `budget` iterations.
+pub(super) fn cg_sliced(
+    a: &Sliced,
+    m: &mut Preconditioner,
+    (target, budget): (f64, usize),
+    x: &mut [f64],
+    v: &mut Vectors,
+) -> Result<usize, Stuck> {
+    let Vectors { r, p, q, z, .. } = v;
+    m.apply_to(a, r, z);
+    p.copy_from_slice(z);
+    let mut rz = dot(r, z);
+    for iteration in 1..=budget {
+        a.with_double(p, q, |ap, q| *q = ap);
+        let pq = dot(p, q);
+        // Also false for NaN.
+        if !(pq > 0.0 && rz > 0.0) {
+            let cure = "choose method `gmres` or `bicgstab`, and give each connected part of the fluid a row with known pressure";
+            return done_or_stuck(iteration - 1, Stuck { reason: "matrix or preconditioner is not positive definite", cure });
+        }
+        let alpha = rz / pq;
+        add_scaled(x, alpha, p);
+        add_scaled(r, -alpha, q);
+        if norm(r) <= target {
+            return Ok(iteration);
+        }
+        m.apply_to(a, r, z);
+        let rz_old = std::mem::replace(&mut rz, dot(r, z));
+        scale_add(p, rz / rz_old, z);
+    }
+    Ok(budget)
 }
 
 /// Stabilised bi-conjugate gradients.

@@ -2,12 +2,17 @@
 
 mod rows;
 
-use self::rows::Rows;
-use super::dense::DenseLu;
-use super::{CsrMatrix, SolveError};
+use std::ops::Range;
 
-/// Rows up to which a level is solved by elimination: its factors then take less work than a sweep over 10⁵ entries.
-const COARSEST: usize = 200;
+use rayon::prelude::*;
+
+use self::rows::{Rows, Workspaces};
+use super::SolveError;
+use super::sliced::{ROWS, Sliced};
+use crate::reduce::norm;
+
+/// Rows up to which a level is solved with its inverse.
+const COARSEST: usize = 128;
 
 /// Levels at most; each has several times fewer rows than the one above it.
 const LEVELS: usize = 20;
@@ -22,58 +27,84 @@ const DAMPING: f32 = 4.0 / 3.0;
 /// sees what is slower than a sixteenth of the fastest.
 const SMOOTH_FROM: f32 = 1.0 / 12.0;
 
-/// Shift of the diagonal of the coarsest level: pressure of a closed part of the fluid is known up to a constant, and the factors
+/// Shift of the diagonal of the coarsest level: pressure of a closed part of the fluid is known up to a constant, and the inverse
 /// must exist. Single precision does not resolve less.
 const COARSE_SHIFT: f64 = 1e-5;
 
-/// One level: `A`, how it is smoothed, and how it hangs on the next.
+/// Chebyshev polynomial of degree 2 for eigenvalues from [`SMOOTH_FROM`] to 1: `d₁ = START D⁻¹r`, `d₂ = KEEP d₁ + ADD D⁻¹r'`.
+const MIDDLE: f32 = 0.5 * (1.0 + SMOOTH_FROM);
+const HALF: f32 = 0.5 * (1.0 - SMOOTH_FROM);
+const FIRST: f32 = HALF / MIDDLE;
+const SECOND: f32 = 1.0 / (2.0 * MIDDLE / HALF - FIRST);
+const START: f32 = 1.0 / MIDDLE;
+const KEEP: f32 = SECOND * FIRST;
+const ADD: f32 = 2.0 * SECOND / HALF;
+
+/// One level: how it hangs on the next, and the vectors of a cycle.
 #[derive(Debug, Default)]
 struct Level {
-    a: Rows,
-    /// `1/Σ_j |a_ij|`.
-    inverse: Vec<f32>,
     /// Prolongation from the next level, and its transpose.
-    from_next: Rows,
-    to_next: Rows,
-    /// Aggregate of each row.
-    aggregate: Vec<u32>,
-    x: Vec<f32>,
+    from_next: Sliced,
+    to_next: Sliced,
     b: Vec<f32>,
-    r: Vec<f32>,
+    /// Two corrections of a smoothing, the residual, what the next level adds, and the solution.
     d: Vec<f32>,
+    e: Vec<f32>,
+    r: Vec<f32>,
+    c: Vec<f32>,
+    x: Vec<f32>,
 }
 
 impl Level {
-    /// Diagonal, largest eigenvalue and room for vectors, for the `a` that is there.
-    fn prepare(&mut self) {
-        let n = self.a.rows();
-        self.inverse.clear();
-        self.inverse.extend((0..n).map(|i| 1.0 / self.a.sum_of_sizes(i)));
-        for vector in [&mut self.x, &mut self.b, &mut self.r, &mut self.d] {
-            vector.clear();
+    fn resize(&mut self, n: usize) {
+        for vector in [&mut self.b, &mut self.d, &mut self.e, &mut self.r, &mut self.c] {
             vector.resize(n, 0.0);
         }
     }
 
-    /// `x += q(D⁻¹A) D⁻¹ r` with the Chebyshev polynomial of degree 2 for the upper part of the spectrum; `residual`: `r` follows.
-    fn smooth(&mut self, residual: bool) {
-        let Self { a, inverse, x, r, d, .. } = self;
-        let (middle, half) = (0.5 * (1.0 + SMOOTH_FROM), 0.5 * (1.0 - SMOOTH_FROM));
-        let first = half / middle;
-        let second = 1.0 / (2.0 * middle / half - first);
-        for i in 0..d.len() {
-            d[i] = inverse[i] * r[i] / middle;
-            x[i] += d[i];
-        }
-        a.subtract(d, r);
-        let (keep, add) = (second * first, 2.0 * second / half);
-        for i in 0..d.len() {
-            d[i] = keep * d[i] + add * inverse[i] * r[i];
-            x[i] += d[i];
-        }
-        if residual {
-            a.subtract(d, r);
-        }
+    /// `b` is there and `d = START D⁻¹ b`: smooths from zero, to `d + e` with residual `r`.
+    fn descend(&mut self, a: &Sliced) {
+        let Self { b, d, e, r, .. } = self;
+        let inverse = a.inverse();
+        let (b, d) = (&*b, &*d);
+        a.with_single2(d, r, e, |at, ad, r, e| {
+            let known = b[at.clone()].iter().zip(&d[at.clone()]).zip(&inverse[at]);
+            for (((r, e), ad), ((b, d), inverse)) in r.iter_mut().zip(e).zip(ad).zip(known) {
+                *r = b - ad;
+                *e = KEEP * d + ADD * inverse * *r;
+            }
+        });
+        a.with_single(e, r, |_, ae, r| r.iter_mut().zip(ae).for_each(|(r, ae)| *r -= ae));
+    }
+
+    /// Adds the correction `c` of the next level and smooths; `set(x_i, &mut out_i)` takes the solution.
+    fn ascend<T: Send>(&mut self, a: &Sliced, out: &mut [T], set: impl Fn(f32, &mut T) + Sync) {
+        let Self { d, e, r, c, .. } = self;
+        let inverse = a.inverse();
+        // What is known so far is d + e + c; `e` makes room for the next correction.
+        for_all(d, |at, d| d.iter_mut().zip(&e[at]).for_each(|(d, e)| *d += e));
+        a.with_single2(c, r, e, |at, ac, r, e| {
+            for (((r, e), ac), inverse) in r.iter_mut().zip(e).zip(ac).zip(&inverse[at]) {
+                *r -= ac;
+                *e = START * inverse * *r;
+            }
+        });
+        let (d, e, r, c) = (&*d, &*e, &*r, &*c);
+        a.with_single(e, out, |at, ae, out| {
+            let known = d[at.clone()].iter().zip(&c[at.clone()]).zip(&e[at.clone()]).zip(&r[at.clone()]).zip(&inverse[at]);
+            for ((out, ae), ((((d, c), e), r), inverse)) in out.iter_mut().zip(ae).zip(known) {
+                set(d + c + e + (KEEP * e + ADD * inverse * (r - ae)), out);
+            }
+        });
+    }
+}
+
+/// `change(i, v_i)` for runs `i` of entries, shared among threads where there are many.
+fn for_all(v: &mut [f32], change: impl Fn(Range<usize>, &mut [f32]) + Sync) {
+    if v.len() < 16 * ROWS {
+        change(0..v.len(), v);
+    } else {
+        v.par_chunks_mut(ROWS).enumerate().for_each(|(number, v)| change(number * ROWS..number * ROWS + v.len(), v));
     }
 }
 
@@ -83,144 +114,204 @@ impl Level {
 /// one step of damped Jacobi, `P = (I − 4/(3 λ) D⁻¹A) T`; coarse operators are `Pᵀ A P`. All in single precision: a preconditioner
 /// need not be exact, and half the bytes are half the time. Every sum has one order, whatever the number of threads.
 ///
+/// The finest level is smoothed with the matrix of today even where the levels below were built from an earlier one. With `S` for
+/// the smoothing, a cycle leaves `Sᵀ (I − P A_c⁻¹ Pᵀ A) S` of an error, whose eigenvalues lie below 1 for any positive `A_c`: what it
+/// does stays symmetric and positive.
+///
 /// Sources: Vaněk, Mandel & Brezina, Computing 56 (1996) 179 (smoothed aggregation); Adams, Brezina, Hu & Tuminaro, J. Comput.
 /// Phys. 188 (2003) 593 (polynomial smoothing).
+#[derive(Debug, Default)]
 pub(super) struct Multigrid {
     levels: Vec<Level>,
+    /// `A` of all levels but the finest, whose matrix is the caller's.
+    below: Vec<Sliced>,
     /// Levels in use.
     depth: usize,
-    /// `A P` of the level that is being built.
+    /// Inverse of the coarsest level, where it is small.
+    inverse: Vec<f32>,
+    scratch: Scratch,
+}
+
+/// What is needed while levels are built.
+#[derive(Debug, Default)]
+struct Scratch {
+    aggregate: Vec<u32>,
+    from_next: Rows,
+    to_next: Rows,
+    /// `A P`, and `Pᵀ A P`.
     product: Rows,
-    coarse: DenseLu,
-    coarse_matrix: CsrMatrix,
-    coarse_b: Vec<f64>,
-    coarse_x: Vec<f64>,
-    coarse_z: Vec<f64>,
+    next: Rows,
+    dense: Vec<f64>,
+    work: Workspaces,
 }
 
 impl Multigrid {
-    pub(super) fn new() -> Self {
-        Self {
-            levels: Vec::new(),
-            depth: 0,
-            product: Rows::default(),
-            coarse: DenseLu::new(),
-            coarse_matrix: CsrMatrix::new(),
-            coarse_b: Vec::new(),
-            coarse_x: Vec::new(),
-            coarse_z: Vec::new(),
-        }
-    }
-
-    /// Builds all levels for `a`, which has a positive diagonal.
-    pub(super) fn build(&mut self, a: &CsrMatrix) -> Result<(), SolveError> {
-        if let Some((row, pivot)) = (0..a.rows()).map(|i| (i, a.diagonal(i))).find(|&(_, diagonal)| diagonal <= 0.0) {
+    /// Builds all levels below `a`, which has a positive diagonal.
+    pub(super) fn build(&mut self, a: &Sliced) -> Result<(), SolveError> {
+        if let Some((row, pivot)) = (0..a.rows()).map(|i| (i, a.diagonal(i))).find(|&(_, diagonal)| diagonal.is_nan() || diagonal <= 0.0) {
             return Err(SolveError::Singular { stage: "multigrid", row, pivot });
         }
-        self.level(0).a.copy(a);
         self.depth = 1;
         loop {
             let here = self.depth - 1;
+            if self.levels.len() < self.depth {
+                self.levels.push(Level::default());
+                self.below.push(Sliced::default());
+            }
+            let (above, next) = self.below.split_at_mut(here);
+            let a = if here == 0 { a } else { &above[here - 1] };
             let level = &mut self.levels[here];
-            level.prepare();
-            let rows = level.a.rows();
-            if rows <= COARSEST || self.depth == LEVELS {
-                break;
+            level.resize(a.rows());
+            if self.depth == LEVELS || !level.coarsen(a, &mut next[0], &mut self.scratch) {
+                let rows = a.rows();
+                return self.invert(here, rows);
             }
-            let next_rows = rows::aggregate(&level.a, &mut level.aggregate);
-            if next_rows == 0 || next_rows as f64 > SLOWEST * rows as f64 {
-                break;
-            }
-            let Level { a, inverse, aggregate, from_next, to_next, .. } = level;
-            from_next.smoothed(a, inverse, DAMPING, aggregate);
-            to_next.transpose_of(from_next, next_rows);
-            self.level(here + 1);
-            let (above, below) = self.levels.split_at_mut(here + 1);
-            let Level { a, from_next, to_next, .. } = &above[here];
-            self.product.product(a, from_next);
-            below[0].a.product(to_next, &self.product);
             self.depth += 1;
         }
-        self.eliminate()
     }
 
-    /// Factorises the coarsest level where it is small; a large one that does not coarsen is left to its smoother.
-    fn eliminate(&mut self) -> Result<(), SolveError> {
-        let coarsest = &self.levels[self.depth - 1].a;
-        let n = coarsest.rows();
-        if n > COARSEST {
+    /// The inverse of the coarsest level where it is small; a large one that does not coarsen is left to its smoother. The finest level
+    /// is smoothed in any case.
+    fn invert(&mut self, level: usize, n: usize) -> Result<(), SolveError> {
+        self.inverse.clear();
+        if n > COARSEST || level == 0 {
             return Ok(());
         }
-        self.coarse_matrix.assemble(n, |i, row| {
-            let (columns, values) = coarsest.row(i);
-            for (&j, &value) in columns.iter().zip(values) {
-                let shift = if j as usize == i { 1.0 + COARSE_SHIFT } else { 1.0 };
-                row.push(j as usize, shift * f64::from(value));
-            }
-        });
-        for vector in [&mut self.coarse_b, &mut self.coarse_x, &mut self.coarse_z] {
-            vector.resize(n, 0.0);
+        let (a, dense) = (&self.below[level - 1], &mut self.scratch.dense);
+        dense.clear();
+        dense.resize(n * n, 0.0);
+        for i in 0..n {
+            dense[i * n + i] = (1.0 + COARSE_SHIFT) * a.diagonal(i);
+            a.row(i).for_each(|(j, weight)| dense[i * n + j as usize] -= f64::from(weight));
         }
-        self.coarse.factor(&self.coarse_matrix)
+        invert(n, dense).map_err(|(row, pivot)| SolveError::Singular { stage: "multigrid", row, pivot })?;
+        // Rounding must not cost the inverse its symmetry.
+        self.inverse.extend((0..n * n).map(|k| (0.5 * (dense[k] + dense[k % n * n + k / n])) as f32));
+        Ok(())
     }
 
-    /// The storage of level `i`.
-    fn level(&mut self, i: usize) -> &mut Level {
-        if self.levels.len() <= i {
-            self.levels.resize_with(i + 1, Level::default);
-        }
-        &mut self.levels[i]
-    }
-
-    /// `z = M⁻¹ r`: one V-cycle from zero.
-    pub(super) fn apply(&mut self, r: &[f64], z: &mut [f64]) {
+    /// `z = M⁻¹ r` for the matrix `a`: one V-cycle from zero.
+    pub(super) fn apply(&mut self, a: &Sliced, r: &[f64], z: &mut [f64]) {
         // Single precision has the range of residuals of 10³⁸: scaled, it has any.
-        let scale = r.iter().fold(0.0f64, |largest, r| largest.max(r.abs()));
-        if !(scale > 0.0 && scale.is_finite()) {
+        let size = norm(r);
+        if !(size > 0.0 && size.is_finite()) {
             z.copy_from_slice(r);
             return;
         }
-        let inverse = 1.0 / scale;
-        for (b, r) in self.levels[0].b.iter_mut().zip(r) {
-            *b = (inverse * r) as f32;
-        }
-        self.cycle(0);
-        for (z, x) in z.iter_mut().zip(&self.levels[0].x) {
-            *z = scale * f64::from(*x);
-        }
+        let scale = size / (r.len() as f64).sqrt();
+        let (down, inverse) = (1.0 / scale, a.inverse());
+        let level = &mut self.levels[0];
+        for_all(&mut level.b, |at, b| b.iter_mut().zip(&r[at]).for_each(|(b, r)| *b = (down * r) as f32));
+        start(&mut level.d, &level.b, inverse);
+        self.cycle(0, a, z, |x, z| *z = scale * f64::from(x));
     }
 
-    /// `x ≈ A⁻¹ b` on level `i`.
-    fn cycle(&mut self, i: usize) {
-        if i + 1 == self.depth {
-            return self.solve_coarsest();
+    /// `x ≈ A⁻¹ b` on level `i`, whose `b` and `d` are set; `set(x_i, out_i)` takes it.
+    fn cycle<T: Send>(&mut self, i: usize, a: &Sliced, out: &mut [T], set: impl Fn(f32, &mut T) + Sync) {
+        self.levels[i].descend(a);
+        if i + 1 < self.depth {
+            let (above, below) = self.levels.split_at_mut(i + 1);
+            let (here, next) = (&mut above[i], &mut below[0]);
+            here.to_next.weigh(&here.r, &mut next.b, |_, sums, b| b.copy_from_slice(sums));
+            if i + 2 == self.depth && !self.inverse.is_empty() {
+                multiply(&self.inverse, &next.b, &mut next.x);
+            } else {
+                self.cycle_below(i + 1);
+            }
+            let (above, below) = self.levels.split_at_mut(i + 1);
+            let (here, next) = (&mut above[i], &below[0]);
+            let Level { from_next, c, .. } = here;
+            from_next.weigh(&next.x, c, |_, sums, c| c.copy_from_slice(sums));
+        } else {
+            self.levels[i].c.fill(0.0);
         }
-        let (above, below) = self.levels.split_at_mut(i + 1);
-        let (here, next) = (&mut above[i], &mut below[0]);
-        here.x.fill(0.0);
-        here.r.copy_from_slice(&here.b);
-        here.smooth(true);
-        here.to_next.set(&here.r, &mut next.b, |_, sum| sum);
-        self.cycle(i + 1);
-        let (above, below) = self.levels.split_at_mut(i + 1);
-        let (here, next) = (&mut above[i], &below[0]);
-        let Level { from_next, d, x, r, a, .. } = here;
-        from_next.set(&next.x, d, |_, sum| sum);
-        x.iter_mut().zip(&*d).for_each(|(x, d)| *x += d);
-        a.subtract(d, r);
-        here.smooth(false);
+        self.levels[i].ascend(a, out, set);
     }
 
-    fn solve_coarsest(&mut self) {
-        let level = &mut self.levels[self.depth - 1];
-        if level.a.rows() > COARSEST {
-            level.x.fill(0.0);
-            level.r.copy_from_slice(&level.b);
-            return level.smooth(false);
-        }
-        self.coarse_b.iter_mut().zip(&level.b).for_each(|(to, &from)| *to = f64::from(from));
-        self.coarse_x.fill(0.0);
-        self.coarse.refine(&self.coarse_b, &mut self.coarse_x, &mut self.coarse_z);
-        level.x.iter_mut().zip(&self.coarse_x).for_each(|(to, &from)| *to = from as f32);
+    /// A cycle on one of the levels that are kept here, into its `x`.
+    fn cycle_below(&mut self, i: usize) {
+        let a = std::mem::take(&mut self.below[i - 1]);
+        let mut x = std::mem::take(&mut self.levels[i].x);
+        x.resize(a.rows(), 0.0);
+        let Level { b, d, .. } = &mut self.levels[i];
+        start(d, b, a.inverse());
+        self.cycle(i, &a, &mut x, |value, x| *x = value);
+        self.levels[i].x = x;
+        self.below[i - 1] = a;
     }
+}
+
+impl Level {
+    /// Makes the matrix of the next level and the ways to it; whether there is one.
+    fn coarsen(&mut self, a: &Sliced, next: &mut Sliced, scratch: &mut Scratch) -> bool {
+        let rows = a.rows();
+        let Scratch { aggregate, from_next, to_next, product, next: square, work, .. } = scratch;
+        if rows <= COARSEST {
+            return false;
+        }
+        let count = rows::aggregate(a, aggregate);
+        if count == 0 || count as f64 > SLOWEST * rows as f64 {
+            return false;
+        }
+        from_next.smoothed(a, DAMPING, aggregate, count, work);
+        to_next.transpose_of(from_next, count);
+        product.product_of_level(a, from_next, count, work);
+        square.product(to_next, product, count, work);
+        from_next.slice(count, &mut self.from_next);
+        to_next.slice(rows, &mut self.to_next);
+        square.slice_square(next);
+        true
+    }
+}
+
+/// `d = START D⁻¹ b`.
+fn start(d: &mut [f32], b: &[f32], inverse: &[f32]) {
+    for_all(d, |at, d| {
+        for ((d, b), inverse) in d.iter_mut().zip(&b[at.clone()]).zip(&inverse[at]) {
+            *d = START * inverse * b;
+        }
+    });
+}
+
+/// `y = A x` for a dense matrix, row by row.
+fn multiply(a: &[f32], x: &[f32], y: &mut Vec<f32>) {
+    let n = x.len();
+    y.clear();
+    y.extend(a.chunks_exact(n).map(|row| {
+        let (row, rest) = row.as_chunks::<8>();
+        let (x, x_rest) = x.as_chunks::<8>();
+        let mut lanes = [0.0f32; 8];
+        for (a, x) in row.iter().zip(x) {
+            for lane in 0..8 {
+                lanes[lane] += a[lane] * x[lane];
+            }
+        }
+        let rest: f32 = rest.iter().zip(x_rest).map(|(a, x)| a * x).sum();
+        lanes.iter().sum::<f32>() + rest
+    }));
+}
+
+/// Replaces a positive definite `n × n` matrix by its inverse, by elimination without exchanges; fails with row and value of a pivot that is
+/// not positive.
+fn invert(n: usize, a: &mut [f64]) -> Result<(), (usize, f64)> {
+    let mut pivot_row = vec![0.0; n];
+    for k in 0..n {
+        let pivot = a[k * n + k];
+        if pivot.is_nan() || pivot <= 0.0 {
+            return Err((k, pivot));
+        }
+        a[k * n + k] = 1.0;
+        for entry in &mut a[k * n..(k + 1) * n] {
+            *entry /= pivot;
+        }
+        pivot_row.copy_from_slice(&a[k * n..(k + 1) * n]);
+        for i in (0..n).filter(|&i| i != k) {
+            let row = &mut a[i * n..(i + 1) * n];
+            let factor = std::mem::replace(&mut row[k], 0.0);
+            if factor != 0.0 {
+                row.iter_mut().zip(&pivot_row).for_each(|(entry, pivot)| *entry -= factor * pivot);
+            }
+        }
+    }
+    Ok(())
 }

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::csr::blockwise;
 use super::multigrid::Multigrid;
+use super::sliced::{Arms, Sliced};
 use super::{CsrMatrix, PreconditionerKind, SolveError};
 
 /// First shift tried when IC(0) loses a pivot; it doubles until all pivots are kept.
@@ -35,6 +36,8 @@ pub(super) struct Preconditioner {
     /// Room for a sweep.
     swept: Vec<f64>,
     multigrid: Multigrid,
+    /// What multigrid smooths: the matrix of the build.
+    sliced: Sliced,
 }
 
 impl Preconditioner {
@@ -48,7 +51,8 @@ impl Preconditioner {
             backward: Sweep::default(),
             row: Vec::new(),
             swept: Vec::new(),
-            multigrid: Multigrid::new(),
+            multigrid: Multigrid::default(),
+            sliced: Sliced::default(),
         }
     }
 
@@ -68,7 +72,16 @@ impl Preconditioner {
                 }
                 return Ok(0.0);
             }
-            PreconditionerKind::Multigrid => return self.multigrid.build(a).map(|()| 0.0),
+            PreconditionerKind::Multigrid => {
+                self.sliced.fill(n, &mut Arms::<0>::default(), |i, row| {
+                    let (columns, values) = a.row(i);
+                    for (&j, &value) in columns.iter().zip(values).filter(|&(&j, _)| j as usize != i) {
+                        row.push(j as usize, -value as f32, []);
+                    }
+                    a.diagonal(i)
+                });
+                return self.multigrid.build(&self.sliced).map(|()| 0.0);
+            }
             PreconditionerKind::Ilu0 | PreconditionerKind::Ic0 => {}
         }
         self.row.clear();
@@ -81,11 +94,21 @@ impl Preconditioner {
         Ok(shift)
     }
 
+    /// Builds multigrid for `a`, which stays the caller's.
+    pub(super) fn build_below(&mut self, a: &Sliced) -> Result<(), SolveError> {
+        self.multigrid.build(a)
+    }
+
+    /// `z = M⁻¹ r` by multigrid for `a`.
+    pub(super) fn apply_to(&mut self, a: &Sliced, r: &[f64], z: &mut [f64]) {
+        self.multigrid.apply(a, r, z);
+    }
+
     /// `z = M⁻¹ r`.
     pub(super) fn apply(&mut self, r: &[f64], z: &mut [f64]) {
         match self.kind {
             PreconditionerKind::None => z.copy_from_slice(r),
-            PreconditionerKind::Multigrid => self.multigrid.apply(r, z),
+            PreconditionerKind::Multigrid => self.multigrid.apply(&self.sliced, r, z),
             PreconditionerKind::Jacobi => {
                 z.copy_from_slice(r);
                 blockwise(z, &self.inverse, |z, inverse| *z *= inverse);

@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::dense::DenseLu;
 use super::krylov::{self, Stuck, System, Vectors};
 use super::preconditioner::Preconditioner;
-use super::{CsrMatrix, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
+use super::{CsrMatrix, PreconditionerKind, Sliced, SolveError, SolveReport, SolverMethod, SolverSettings};
 use crate::reduce::norm;
 
 /// Largest asymmetry (see [`CsrMatrix::asymmetry`]) of a matrix that CG accepts: rounding, with room to spare.
@@ -82,6 +82,97 @@ impl LinearSolver {
         rayon::scope(|_| self.solve_in_pool(a, b, x))
     }
 
+    /// Whether these settings ask for what [`solve_sliced`](Self::solve_sliced) does: conjugate gradients with multigrid.
+    pub fn takes_sliced(&self) -> bool {
+        (self.settings.method, self.settings.preconditioner) == (SolverMethod::Cg, PreconditionerKind::Multigrid)
+    }
+
+    /// Whether the next solve for so many unknowns builds multigrid anew: the time to number them anew.
+    pub fn is_due(&self, rows: usize) -> bool {
+        !self.serves(rows)
+    }
+
+    /// Forgets the multigrid that was kept: unknowns have other numbers now.
+    pub fn forget(&mut self) {
+        self.kept = None;
+    }
+
+    /// Solves `A x = b` for a positive definite `A` by conjugate gradients with multigrid, from the start in `x`, until
+    /// `|b − A x| ≤ tolerance · max(|b|, size)`; the residual of the report is over the same. `size` is that of an equation of which this one
+    /// corrects the solution, or 0.
+    ///
+    /// Levels below the matrix are kept from solve to solve as in [`solve`](Self::solve).
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn solve_sliced(&mut self, a: &Sliced, b: &[f64], x: &mut [f64], size: f64) -> Result<SolveReport, SolveError> {
+        if a.rows() != b.len() || a.rows() != x.len() {
+            return Err(SolveError::Shape { rows: a.rows(), rhs: b.len(), solution: x.len() });
+        }
+        let started = Instant::now();
+        let mut report = SolveReport::default();
+        let size = norm(b).max(size);
+        if size == 0.0 {
+            x.fill(0.0);
+            return Ok(report);
+        }
+        self.vectors.resize(a.rows());
+        let SolverSettings { tolerance, max_iterations, .. } = self.settings;
+        let (mut from, mut before) = (f64::NAN, 0);
+        loop {
+            self.vectors.r.copy_from_slice(b);
+            a.with_double(x, &mut self.vectors.r, |ax, r| *r -= ax);
+            let last = report.residual;
+            report.residual = norm(&self.vectors.r) / size;
+            if !(report.residual.is_finite() && size.is_normal()) {
+                return Err(sliced_not_finite(a, b, x, size, &report, last));
+            }
+            if report.residual <= tolerance {
+                self.look_after(report.iterations - before, from / report.residual);
+                report.seconds = started.elapsed().as_secs_f64();
+                return Ok(report);
+            }
+            if report.iterations >= max_iterations {
+                let SolveReport { iterations, residual, .. } = report;
+                return Err(SolveError::NotConverged { iterations, residual, tolerance });
+            }
+            if from.is_nan() {
+                (from, before) = (report.residual, report.iterations);
+            }
+            if report.iterations == 0 && !self.serves(a.rows()) {
+                let setup = Instant::now();
+                self.build_below(a)?;
+                report.setup_seconds = setup.elapsed().as_secs_f64();
+            }
+            let left = max_iterations - report.iterations;
+            let budget = left.min(self.patience((report.residual / tolerance).log10()));
+            match krylov::cg_sliced(a, &mut self.preconditioner, (tolerance * size, budget), x, &mut self.vectors) {
+                Ok(iterations) => {
+                    report.iterations += iterations;
+                    if iterations == budget && budget < left {
+                        self.build_below(a)?;
+                        from = f64::NAN;
+                    }
+                }
+                Err(_) if self.kept.is_some_and(|kept| kept.solves > 0) => {
+                    self.build_below(a)?;
+                    from = f64::NAN;
+                }
+                Err(Stuck { reason, cure }) => {
+                    let SolveReport { iterations, residual, .. } = report;
+                    return Err(SolveError::Breakdown { method: name(SolverMethod::Cg), iterations, residual, reason, cure });
+                }
+            }
+        }
+    }
+
+    fn build_below(&mut self, a: &Sliced) -> Result<(), SolveError> {
+        self.kept = None;
+        self.preconditioner.build_below(a)?;
+        self.kept = Some(Kept { rows: a.rows(), solves: 0, fresh: None, worn: false });
+        Ok(())
+    }
+
     fn solve_in_pool(&mut self, a: &CsrMatrix, b: &[f64], x: &mut [f64]) -> Result<SolveReport, SolveError> {
         let started = Instant::now();
         let mut report = SolveReport::default();
@@ -145,7 +236,7 @@ impl LinearSolver {
 
     /// Factorises or preconditions; answers the shift of the diagonal.
     fn prepare(&mut self, a: &CsrMatrix) -> Result<f64, SolveError> {
-        if self.serves(a) {
+        if self.serves(a.rows()) {
             return Ok(0.0);
         }
         let limit = match (self.settings.method, self.settings.preconditioner) {
@@ -169,9 +260,9 @@ impl LinearSolver {
         Ok(shift)
     }
 
-    /// Whether a kept multigrid is good for `a`.
-    fn serves(&self, a: &CsrMatrix) -> bool {
-        self.kept.is_some_and(|kept| kept.rows == a.rows() && !kept.worn && kept.solves < OLDEST)
+    /// Whether a kept multigrid is good for a matrix of so many rows.
+    fn serves(&self, rows: usize) -> bool {
+        self.kept.is_some_and(|kept| kept.rows == rows && !kept.worn && kept.solves < OLDEST)
     }
 
     /// Iterations after which a kept multigrid has failed to reduce the residual by so many decades: the matrix has changed at once.
@@ -220,6 +311,24 @@ fn name(method: SolverMethod) -> &'static str {
         SolverMethod::Cg => "cg",
         SolverMethod::Bicgstab => "bicgstab",
     }
+}
+
+/// The error behind a residual of a sliced matrix that is not finite.
+fn sliced_not_finite(a: &Sliced, b: &[f64], x: &[f64], size: f64, report: &SolveReport, last: f64) -> SolveError {
+    let not_finite = |(_, value): &(usize, f64)| !value.is_finite();
+    let vectors = [
+        ("matrix", (0..a.rows()).map(|i| (i, a.diagonal(i))).find(not_finite)),
+        ("right-hand side", b.iter().copied().enumerate().find(not_finite)),
+        ("start vector", x.iter().copied().enumerate().find(not_finite).filter(|_| report.iterations == 0)),
+    ];
+    if let Some((what, (row, value))) = vectors.into_iter().find_map(|(what, found)| Some((what, found?))) {
+        return SolveError::NotFinite { what, row, value };
+    }
+    if size.is_normal() {
+        let (reason, cure) = ("the iterates overflowed", "choose another `method` or `preconditioner`");
+        return SolveError::Breakdown { method: name(SolverMethod::Cg), iterations: report.iterations, residual: last, reason, cure };
+    }
+    SolveError::OutOfRange { what: "the right-hand side", value: size }
 }
 
 /// The error behind a residual that is not finite.

@@ -4,11 +4,13 @@
 use super::{Medium, StepError};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
+use crate::lanes::{InstructionSet, Lanes, Record, Rows, sweep_lanes};
 use crate::math::Vector;
-use crate::neighbors::{Neighbors, PairColumn, Search};
+use crate::neighbors::{NOBODY, Neighbors, PairColumn, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::arrangement::{Arrangement, Place};
 use crate::physics::lattice::Lattice;
+use crate::physics::pairs::{Pairs, record};
 use crate::poisson::SolveReport;
 use crate::poisson::projection::{self, Goal, Workspace};
 use crate::reduce::sum;
@@ -52,6 +54,8 @@ pub(super) struct Flow<const D: usize> {
     lattice: Lattice,
     near: Neighbors<D>,
     f: PairColumn,
+    /// One a particle, with the normals of walls in place of velocities, and nobody.
+    records: Vec<Record>,
     at: Vec<Arrangement<D>>,
     places: Vec<Place>,
     normals: Vec<Vector<D>>,
@@ -76,6 +80,20 @@ pub(super) struct Flow<const D: usize> {
     dt_before: Option<f64>,
 }
 
+/// What the arrangement of its neighbours says about each particle.
+struct Looking<'a, K, const D: usize> {
+    pairs: Pairs<'a, K, D>,
+    lattice: &'a Lattice,
+    p: &'a Particles<D>,
+}
+
+impl<K: Kernel<D>, const D: usize> Rows<Arrangement<D>> for Looking<'_, K, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, at: &mut Arrangement<D>, _: &mut ()) {
+        *at = if self.p.is_fluid(a) { Arrangement::of::<_, L>(&self.pairs, self.lattice, a, None) } else { Arrangement::alone() };
+    }
+}
+
 impl<const D: usize> Flow<D> {
     pub fn new<K: Kernel<D>>(kernel: K, medium: Medium<D>, choices: Choices) -> Self {
         Self {
@@ -84,6 +102,7 @@ impl<const D: usize> Flow<D> {
             choices,
             near: Neighbors::new(),
             f: PairColumn::default(),
+            records: Vec::new(),
             at: Vec::new(),
             places: Vec::new(),
             normals: Vec::new(),
@@ -133,7 +152,13 @@ impl<const D: usize> Flow<D> {
         let (near, lattice, normals, f) = (&self.near, &self.lattice, &self.normals, &self.f);
         self.at.resize(owned, Arrangement::alone());
         self.places.resize(p.len(), Place::Inside);
-        sweep(&mut self.at, |a| if p.is_fluid(a) { Arrangement::of(kernel, lattice, near, p, normals, a) } else { Arrangement::alone() });
+        self.records.resize(p.len() + 1, NOBODY);
+        sweep(&mut self.records[..p.len()], |a| record(p.x[a], normals[a], 0.0, p.mass[a], !p.is_fluid(a)));
+        self.records[p.len()] = NOBODY;
+        let lengths: Vec<f64> = if p.h_min() < p.h_max() { p.h.iter().copied().chain([p.h_max()]).collect() } else { Vec::new() };
+        let set = InstructionSet::of_this_machine();
+        let pairs = Pairs { set, kernel, near, records: &self.records, lengths: (!lengths.is_empty()).then_some(lengths.as_slice()) };
+        sweep_lanes(set, &mut self.at, &Looking { pairs, lattice, p });
         let (at, places) = (&mut self.at, &mut self.places);
         sweep(&mut places[..owned], |a| at[a].place);
         domain.refresh_column(places);

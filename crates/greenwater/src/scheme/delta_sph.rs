@@ -79,7 +79,7 @@ impl DeltaSphSettings {
             delta: 0.1,
             alpha: 0.01,
             acoustic_damping: 1.0,
-            tensile_control: TensileControl::Switch,
+            tensile_control: TensileControl::None,
             shifting: 1.0,
             volume_control: 0.1,
             density_reset: DensityReset::None,
@@ -96,10 +96,9 @@ impl DeltaSphSettings {
 }
 
 impl Settings for DeltaSphSettings {
-    /// `h` of 1.5 spacings. At 2 a square lattice stays where it is under its own pressure, which at 1.5 it does not
-    /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`), and still water is stiller; but thin
-    /// sheets on walls then gain energy after an impact.
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.5);
+    /// `h` of two spacings: a square lattice stays where it is under its own pressure, which at 1.5 it does not
+    /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`).
+    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 2.0);
     const STEP_COST: f64 = 2e-7;
 
     fn preset(preset: Preset) -> Self {

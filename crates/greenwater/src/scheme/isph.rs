@@ -2,24 +2,30 @@
 //! projection cleans the velocity, and a projection of positions keeps the density.
 
 mod closure;
+mod exact;
+mod numbering;
 mod parts;
 mod settings;
 mod walls;
 
 use self::closure::Closure;
+use self::exact::Exact;
+use self::numbering::Numbering;
 use self::parts::Parts;
 use self::walls::Guarded;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
+use crate::lanes::{InstructionSet, Lanes, Record};
 use crate::math::{Vector, transform};
-use crate::neighbors::{Neighbors, PairColumn};
+use crate::neighbors::{NOBODY, Neighbors, PairColumn, RowsOfPairs};
 use crate::particles::{Kind, Particles};
 use crate::physics::arrangement::{Arrangement, Place, across, known_along};
 use crate::physics::lattice::Lattice;
-use crate::poisson::projection::{self, Workspace};
-use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport};
-use crate::sweep::{largest, sweep, sweep2, update};
+use crate::physics::pairs::{Pairs, record};
+use crate::poisson::{Arms, CsrMatrix, LinearSolver, Sliced, SolveError, SolveReport};
+use crate::reduce::norm;
+use crate::sweep::{largest, sweep, sweep2, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::wall_normals;
 
@@ -53,11 +59,17 @@ struct Flow<const D: usize> {
     near: Neighbors<D>,
     /// `f` of each pair, 1/m².
     f: PairColumn,
+    sense: Sense,
     at: Vec<Arrangement<D>>,
     places: Vec<Place>,
+    numbering: Numbering,
     solver: LinearSolver,
+    /// The pressure matrix, with arms `f x_ab`; its rows again for solvers that do not take it.
+    sliced: Sliced,
+    arms: Arms<D>,
     matrix: CsrMatrix,
-    /// `s` of each row, 1/m².
+    exact: Exact<D>,
+    /// `s` of each unknown, 1/m².
     pull: Vec<f64>,
     parts: Parts<D>,
     closure: Closure,
@@ -65,20 +77,24 @@ struct Flow<const D: usize> {
     rise: Vec<Vector<D>>,
     /// See [`bending`](Self::bending); empty where a surface is tracked.
     bending: Vec<f64>,
+    /// Right side of an equation and its solution, by unknown.
     source: Vec<f64>,
+    unknowns: Vec<f64>,
+    gradient: Vec<Vector<D>>,
+    /// A vector field by unknown, and `T` of velocity and shift; see [`look_at_velocity`](Self::look_at_velocity).
+    by_unknown: Vec<[f64; D]>,
+    strain: Vec<[[f64; D]; D]>,
+    shift_strain: Vec<[[f64; D]; D]>,
+    /// Norm of the right side of the first pressure solve of a step.
+    first_source: f64,
     solution: Vec<f64>,
     pressure: Vec<f64>,
-    /// Diagonal of the exact projection, and its potentials for the velocity (m²/s) and the positions (m²).
-    exact_diagonal: Vec<f64>,
+    /// Potential of the clean-up, m²/s.
     cleaning: Vec<f64>,
-    packing: Vec<f64>,
-    with_ghosts: Vec<f64>,
-    work: Workspace,
     v: Vec<Vector<D>>,
     v_next: Vec<Vector<D>>,
     /// `g − a` on wall rows, m/s²: what their pressure answers to.
     answer: Vec<Vector<D>>,
-    gradient: Vec<Vector<D>>,
     shift: Vec<Vector<D>>,
     moved: Vec<Guarded<D>>,
     /// Unit normal of each wall particle, towards the fluid, deeper lines that of the first one in front of them.
@@ -103,26 +119,32 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             settings,
             near: Neighbors::new(),
             f: PairColumn::default(),
+            sense: Sense::default(),
             at: Vec::new(),
             places: Vec::new(),
+            numbering: Numbering::default(),
+            sliced: Sliced::default(),
+            arms: Arms::default(),
             matrix: CsrMatrix::new(),
+            exact: Exact::default(),
             pull: Vec::new(),
             parts: Parts::default(),
             closure: Closure::default(),
             rise: Vec::new(),
             bending: Vec::new(),
             source: Vec::new(),
+            unknowns: Vec::new(),
+            gradient: Vec::new(),
+            by_unknown: Vec::new(),
+            strain: Vec::new(),
+            shift_strain: Vec::new(),
+            first_source: 0.0,
             solution: Vec::new(),
             pressure: Vec::new(),
-            exact_diagonal: Vec::new(),
             cleaning: Vec::new(),
-            packing: Vec::new(),
-            with_ghosts: Vec::new(),
-            work: Workspace::default(),
             v: Vec::new(),
             v_next: Vec::new(),
             answer: Vec::new(),
-            gradient: Vec::new(),
             shift: Vec::new(),
             moved: Vec::new(),
             normals: Vec::new(),
@@ -139,19 +161,20 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         self.flow.near.build(p, self.kernel.radius(), self.flow.settings.search)?;
         let (kernel, rest, owned) = (self.kernel, self.flow.medium.rest_density, p.owned());
         let flow = &mut self.flow;
-        let half_over_rest = 0.5 / rest;
-        let (near, f) = (&flow.near, &mut flow.f);
-        near.fill(f, |a, pair| -half_over_rest * (p.mass[a] + p.mass[pair.b]) * kernel.dw_over_r(pair.r, pair.h));
         let first = flow.walls_turn(p).then(|| wall_normals(kernel, &flow.near, p));
         flow.look_at_walls(p, domain, first.as_deref());
-        let (near, lattice, normals) = (&flow.near, &flow.lattice, &flow.normals);
         flow.at.resize(owned, Arrangement::alone());
         flow.places.resize(p.len(), Place::Inside);
-        sweep(&mut flow.at, |a| if p.is_fluid(a) { Arrangement::of(kernel, lattice, near, p, normals, a) } else { Arrangement::alone() });
+        let lengths = flow.sense.fill(p, &flow.normals);
+        let (near, lattice) = (&flow.near, &flow.lattice);
+        let set = InstructionSet::of_this_machine();
+        let pairs = Pairs { set, kernel, near, records: &flow.sense.records, lengths: lengths.then_some(flow.sense.lengths.as_slice()) };
+        near.fill_rows(set, &mut flow.f, &mut flow.at, &Looking { pairs, lattice, p });
+        let f = &flow.f;
         if flow.settings.free_surface == FreeSurface::None {
             flow.at.iter_mut().for_each(|at| at.place = Place::Inside);
         } else {
-            let (at, places, f) = (&mut flow.at, &mut flow.places, &flow.f);
+            let (at, places) = (&mut flow.at, &mut flow.places);
             sweep(&mut places[..owned], |a| at[a].place);
             domain.refresh_column(places);
             update(at, |a, at| {
@@ -164,6 +187,55 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         let at = &flow.at;
         sweep2(&mut p.density[..owned], &mut p.surface[..owned], |a| (rest * at[a].filling, u8::from(at[a].place == Place::Surface)));
         Ok(())
+    }
+}
+
+/// What pairs are looked at through.
+#[derive(Debug, Default)]
+struct Sense {
+    /// One a particle, with velocities of fluid and normals of walls, and nobody.
+    records: Vec<Record>,
+    /// Smoothing lengths, m, where they differ.
+    lengths: Vec<f64>,
+}
+
+impl Sense {
+    /// Takes over positions, masses, velocities and normals; whether smoothing lengths differ.
+    fn fill<const D: usize>(&mut self, p: &Particles<D>, normals: &[Vector<D>]) -> bool {
+        self.records.resize(p.len() + 1, NOBODY);
+        sweep(&mut self.records[..p.len()], |a| {
+            if p.is_fluid(a) { record(p.x[a], p.v[a], 0.0, p.mass[a], false) } else { record(p.x[a], normals[a], 0.0, p.mass[a], true) }
+        });
+        self.records[p.len()] = NOBODY;
+        let differ = p.h_min() < p.h_max();
+        self.lengths.clear();
+        if differ {
+            self.lengths.extend_from_slice(&p.h);
+            self.lengths.push(p.h_max());
+        }
+        differ
+    }
+}
+
+/// What the arrangement of its neighbours says about each particle, and `f` of each pair.
+struct Looking<'a, K, const D: usize> {
+    pairs: Pairs<'a, K, D>,
+    lattice: &'a Lattice,
+    p: &'a Particles<D>,
+}
+
+impl<K: Kernel<D>, const D: usize> RowsOfPairs<Arrangement<D>> for Looking<'_, K, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, f: &mut Vec<f64>) -> Arrangement<D> {
+        let Self { pairs, lattice, p } = self;
+        if p.is_fluid(a) {
+            return Arrangement::of::<_, L>(pairs, lattice, a, Some(f));
+        }
+        let half_over_rest = 0.5 / lattice.rest_density;
+        pairs.near.for_each(a, |pair| {
+            f.push(-half_over_rest * (p.mass[a] + p.mass[pair.b]) * pairs.kernel.dw_over_r(pair.r, pair.h));
+        });
+        Arrangement::alone()
     }
 }
 
@@ -184,11 +256,11 @@ impl<const D: usize> Flow<D> {
     /// linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
     /// particles, `2(D+2) ν f (v_ab·x_ab) x_ab/r²` with `ν = dissipation · h U/8` (Monaghan 1992).
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
-        let mut total = Vector::ZERO;
         let nu = self.diffusivity();
         let numerical = 2.0 * (D as f64 + 2.0) * self.settings.dissipation * self.near.h(a) * speed / 8.0;
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
-        if nu == 0.0 && numerical == 0.0 {
+        let mut total = -numerical * self.at[a].approach;
+        if nu == 0.0 {
             return total;
         }
         let (mut linear, uneven) = (Vector::ZERO, transform(&self.at[a].correction, self.at[a].slope));
@@ -197,11 +269,7 @@ impl<const D: usize> Flow<D> {
                 let v_ab = p.v[a] - p.v[b];
                 total -= 2.0 * nu * f * v_ab;
                 linear += f * uneven.dot(x_ab) * v_ab;
-                let approach = v_ab.dot(x_ab);
-                if approach < 0.0 {
-                    total -= (numerical * f * approach / x_ab.norm_squared()) * x_ab;
-                }
-            } else if sticks && nu > 0.0 {
+            } else if sticks {
                 let drag = self.drag(p, a, b, x_ab, f);
                 total += nu * drag;
                 linear -= 0.5 * uneven.dot(known_along(x_ab, self.normals[b])) * drag;
@@ -211,27 +279,50 @@ impl<const D: usize> Flow<D> {
         if known { total - 2.0 * nu * linear } else { total }
     }
 
-    /// `D u` at `a`, 1/s.
-    fn divergence(&self, u: &[Vector<D>], a: usize) -> f64 {
-        let mut total = 0.0;
-        let u_a = u[a];
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| total -= f * (u[b] - u_a).dot(x_ab));
+    /// `T = Σ_fluid (v_b − v_a) ⊗ f x_ab` of each unknown, of which all derivatives of the velocity are made; in `self.strain`.
+    fn look_at_velocity(&mut self, domain: &Domain<D>) {
+        domain.refresh_column(&mut self.v);
+        let (numbering, v) = (&self.numbering, &self.v);
+        self.by_unknown.resize(numbering.len(), [0.0; D]);
+        self.strain.resize(numbering.len(), [[0.0; D]; D]);
+        sweep(&mut self.by_unknown, |k| v[numbering.row(k)].0);
+        self.sliced.strain(&self.arms, &self.by_unknown, &mut self.strain);
+    }
+
+    /// `D v` of unknown `k`, 1/s; [`strain`](Self::look_at_velocity) is that of `self.v`.
+    fn divergence(&self, p: &Particles<D>, k: usize) -> f64 {
+        let a = self.numbering.row(k);
+        let mut total = -trace(&self.strain[k]);
+        if self.at[a].off_walls != Vector::ZERO {
+            let v_a = self.v[a];
+            self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+                if !p.is_fluid(b) {
+                    total -= f * (self.v[b] - v_a).dot(x_ab);
+                }
+            });
+        }
         total
     }
 
-    /// `D u` at `a` with the corrected gradient, 1/s: zero for any linear field without divergence, however neighbours are strained.
-    fn corrected_divergence(&self, u: &[Vector<D>], a: usize) -> f64 {
-        let (mut total, u_a, correction) = (0.0, u[a], &self.at[a].correction);
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| total -= f * (u[b] - u_a).dot(transform(correction, x_ab)));
+    /// `D v` of unknown `k` off walls with the corrected gradient, 1/s: zero for any linear field without divergence, however neighbours
+    /// are strained.
+    fn corrected_divergence(&self, k: usize) -> f64 {
+        let (strain, correction) = (&self.strain[k], &self.at[self.numbering.row(k)].correction);
+        let mut total = 0.0;
+        for i in 0..D {
+            for j in 0..D {
+                total -= correction[i][j] * strain[i][j];
+            }
+        }
         total * self.lattice.slope_of_linear::<D>()
     }
 
-    /// What the projections are to remove of `D v` at `a`, 1/s. Where a free surface touches a wall, an expansion is held together with
+    /// What the projections are to remove of `D v` of unknown `k`, 1/s. Where a free surface touches a wall, an expansion is held together with
     /// no more than gravity: a wall has no suction on what the air can reach, and a jet that passes its end must not be drawn around it.
-    fn divergence_to_remove(&self, a: usize, dt: f64) -> f64 {
-        let at = &self.at[a];
+    fn divergence_to_remove(&self, p: &Particles<D>, k: usize, dt: f64) -> f64 {
+        let at = &self.at[self.numbering.row(k)];
         let surrounded = at.place == Place::Inside && at.off_walls == Vector::ZERO;
-        let mut divergence = if surrounded { self.corrected_divergence(&self.v, a) } else { self.divergence(&self.v, a) };
+        let mut divergence = if surrounded { self.corrected_divergence(k) } else { self.divergence(p, k) };
         if at.place == Place::Surface && at.off_walls != Vector::ZERO {
             // Gravity, or what makes the same greatest speed where there is none.
             let pull = 0.25 * self.medium.speed * self.medium.speed / self.medium.depth;
@@ -240,42 +331,46 @@ impl<const D: usize> Flow<D> {
         at.resisted(divergence, dt)
     }
 
-    /// `G q` at `a`, for `q` that is zero on walls: the negative adjoint of [`divergence`](Self::divergence) with resting walls.
-    fn adjoint_gradient(&self, q: &[f64], a: usize) -> Vector<D> {
-        let mut total = Vector::ZERO;
-        let q_a = q[a];
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| total -= f * (q_a + q[b]) * x_ab);
-        total
-    }
-
-    /// The compact pressure equation; rows of all but fluid are identities.
+    /// The compact pressure equation, by unknown.
     fn assemble(&mut self, p: &Particles<D>, domain: &Domain<D>) {
-        let owned = p.owned();
-        let (lattice, at) = (&self.lattice, &self.at);
-        self.pull.resize(owned, 0.0);
-        sweep(&mut self.pull, |a| if p.is_fluid(a) { at[a].surface_pull(lattice) } else { 0.0 });
+        let fluid = p.count(Kind::Fluid);
+        if self.numbering.len() != fluid || self.numbering.places.len() != p.owned() || self.solver.is_due(fluid) {
+            self.numbering.renew(p, 2.0 * p.h_max());
+            self.solver.forget();
+        }
+        let (lattice, at, numbering) = (&self.lattice, &self.at, &self.numbering);
+        self.pull.resize(fluid, 0.0);
+        sweep(&mut self.pull, |k| at[numbering.row(k)].surface_pull(lattice));
         self.fill_matrix(p, domain);
+        let floor = 1e-6 / (self.medium.spacing * self.medium.spacing);
+        let (at, numbering) = (&self.at, &self.numbering);
+        self.exact.prepare(&self.arms, fluid, floor, |k| at[numbering.row(k)].slope);
     }
 
     fn fill_matrix(&mut self, p: &Particles<D>, domain: &Domain<D>) {
-        let owned = p.owned();
-        let (near, f, lattice, at, pull) = (&self.near, &self.f, &self.lattice, &self.at, &self.pull);
-        self.matrix.assemble(owned, |a, row| {
-            if !p.is_fluid(a) {
-                row.push(a, 1.0);
-                return;
-            }
+        let (owned, unknowns) = (p.owned(), self.numbering.len());
+        let (near, f, lattice, at, pull, numbering) = (&self.near, &self.f, &self.lattice, &self.at, &self.pull, &self.numbering);
+        self.sliced.fill(unknowns, &mut self.arms, |k, row| {
+            let a = numbering.row(k);
             let mut to_fluid = 0.0;
-            near.for_each_with(a, f, |b, _, f| {
+            near.for_each_with(a, f, |b, x_ab, f| {
                 if p.is_fluid(b) {
-                    to_fluid += 2.0 * f;
-                    row.push(domain.parent(b, owned), -2.0 * f);
+                    let weight = (2.0 * f) as f32;
+                    to_fluid += f64::from(weight);
+                    row.push(numbering.places[domain.parent(b, owned)] as usize, weight, x_ab.0.map(|x| (f * x) as f32));
                 }
             });
             // A particle held by next to nothing gets a row that is not nothing: 2 % of the lattice's, all of it if it is alone.
             let least = if at[a].links < 1e-6 * lattice.diagonal { 1.0 } else { 0.02 };
-            row.push(a, (to_fluid + pull[a]).max(least * lattice.diagonal));
+            (to_fluid + pull[k]).max(least * lattice.diagonal)
         });
+        if !self.solver.takes_sliced() {
+            let sliced = &self.sliced;
+            self.matrix.assemble(unknowns, |k, row| {
+                sliced.row(k).for_each(|(j, weight)| row.push(j as usize, -f64::from(weight)));
+                row.push(k, sliced.diagonal(k));
+            });
+        }
     }
 
     /// What uneven neighbours make of a linear pressure in the compact equation although its Laplacian is zero, `−2 ∇p·(Σ V∇W)`, with the
@@ -320,12 +415,13 @@ impl<const D: usize> Flow<D> {
     /// Solves the compact equation for the divergence of `self.v`; the result is in `self.solution`. `answered`: the wall rows of
     /// `self.v` hold what gravity and their acceleration made of them, and their pressure answers to it.
     fn solve(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64, answered: Answer) -> Result<SolveReport, StepError> {
-        domain.refresh_column(&mut self.v);
+        self.look_at_velocity(domain);
         let rest = self.medium.rest_density;
         let mut source = std::mem::take(&mut self.source);
-        source.resize(p.owned(), 0.0);
-        sweep(&mut source, |a| {
-            if !p.is_fluid(a) || self.near.of(a).is_empty() {
+        source.resize(self.numbering.len(), 0.0);
+        sweep(&mut source, |k| {
+            let a = self.numbering.row(k);
+            if self.near.of(a).is_empty() {
                 return 0.0;
             }
             let mut walls = 0.0;
@@ -338,164 +434,129 @@ impl<const D: usize> Flow<D> {
             }
             let ahead = if self.bending.is_empty() { 0.0 } else { self.bending[a] };
             let uneven = if answered == Answer::Full { self.unevenness(a) } else { 0.0 };
-            walls + uneven - rest / dt * (self.divergence_to_remove(a, dt) - 0.5 * dt * ahead)
+            walls + uneven - rest / dt * (self.divergence_to_remove(p, k, dt) - 0.5 * dt * ahead)
         });
         self.source = source;
         let owned = p.owned();
         let whole_is_closed = !self.pull.iter().any(|&s| s > 0.0);
         self.closure.active = whole_is_closed || self.closure.parts;
         if self.closure.active {
-            self.closure.find(&self.parts, &self.pull);
+            self.closure.find(&self.parts, &self.numbering, &self.pull);
             self.closure.level(&mut self.source);
         }
-        let solved = self.solver.solve(&self.matrix, &self.source, &mut self.solution[..owned]);
-        let report = match solved {
+        // A further pass corrects the first one: what it may leave is measured by what that one had to do.
+        self.first_source = if answered == Answer::Full { norm(&self.source) } else { self.first_source };
+        let report = match self.solve_as_asked() {
             Ok(report) => report,
             // Rare: a part without surface beside one with a surface, which costs a search, or fluid so uneven that signed pulls
             // cost the matrix its sign. Without negative pulls it has one.
             Err(_) => {
                 self.pull.iter_mut().for_each(|s| *s = s.max(0.0));
                 self.fill_matrix(p, domain);
-                if !whole_is_closed && self.closure.find(&self.parts, &self.pull) {
+                self.solver.forget();
+                if !whole_is_closed && self.closure.find(&self.parts, &self.numbering, &self.pull) {
                     (self.closure.parts, self.closure.active) = (true, true);
                     self.closure.level(&mut self.source);
                 }
-                self.solution[..owned].fill(0.0);
-                self.solver.solve(&self.matrix, &self.source, &mut self.solution[..owned])?
+                self.unknowns.fill(0.0);
+                self.solve_as_asked()?
             }
         };
         if self.closure.active {
-            self.closure.level(&mut self.solution[..owned]);
+            self.closure.level(&mut self.unknowns);
         }
+        let (numbering, unknowns) = (&self.numbering, &self.unknowns);
+        sweep(&mut self.solution[..owned], |a| numbering.place(a).map_or(0.0, |k| unknowns[k]));
         domain.refresh_column(&mut self.solution);
         Ok(report)
     }
 
-    /// `∇p` at `a`, Pa/m: corrected differences, to walls along their normal only (a wall says nothing of the gradient along it: a
-    /// drop that slides down feels its weight). Nothing pushes particles apart: positions are kept in order by moving them.
-    fn pressure_gradient(&self, p: &Particles<D>, answered: Answer, a: usize) -> Vector<D> {
-        let (rest, pressure) = (self.medium.rest_density, &self.solution);
-        let mut differences = Vector::ZERO;
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-            if p.is_fluid(b) {
-                differences -= f * (pressure[b] - pressure[a]) * x_ab;
-            } else if answered == Answer::Full {
-                let along = known_along(x_ab, self.normals[b]);
-                differences += f * rest * self.answer[b].dot(along) * along;
-            }
-        });
-        transform(&self.at[a].correction, differences)
+    fn solve_as_asked(&mut self) -> Result<SolveReport, SolveError> {
+        if self.solver.takes_sliced() {
+            self.solver.solve_sliced(&self.sliced, &self.source, &mut self.unknowns, self.first_source)
+        } else {
+            self.solver.solve(&self.matrix, &self.source, &mut self.unknowns)
+        }
     }
 
-    /// A few iterations of `−D G q = source` and then `G q`, in `q` and `self.gradient`.
-    fn exact_projection(&mut self, p: &Particles<D>, domain: &Domain<D>, iterations: usize, q: &mut Vec<f64>) {
-        let owned = p.owned();
-        let mut work = std::mem::take(&mut self.work);
+    /// `∇p` of each unknown, Pa/m, in `self.gradient`: corrected differences, to walls along their normal only (a wall says nothing of the
+    /// gradient along it: a drop that slides down feels its weight). Nothing pushes particles apart: positions are kept in order by moving
+    /// them.
+    fn pressure_gradient(&mut self, p: &Particles<D>, answered: Answer) {
         let mut gradient = std::mem::take(&mut self.gradient);
-        let mut with_ghosts = std::mem::take(&mut self.with_ghosts);
-        let mut closure = std::mem::take(&mut self.closure);
-        q.resize(owned, 0.0);
-        with_ghosts.resize(p.len(), 0.0);
-        gradient.resize(p.len(), Vector::ZERO);
+        gradient.resize(self.numbering.len(), Vector::ZERO);
         let this = &*self;
-        let mut apply_gradient = |q: &[f64], gradient: &mut Vec<Vector<D>>| {
-            with_ghosts[..owned].copy_from_slice(q);
-            domain.refresh_column(&mut with_ghosts);
-            let q = &with_ghosts;
-            sweep(&mut gradient[..owned], |a| if p.is_fluid(a) { this.adjoint_gradient(q, a) } else { Vector::ZERO });
-            domain.refresh_column(gradient);
-        };
-        projection::iterate(
-            |q, aq| {
-                apply_gradient(q, &mut gradient);
-                sweep(aq, |a| if p.is_fluid(a) { -this.divergence(&gradient, a) } else { 0.0 });
-            },
-            // A constant potential means nothing where there is no surface, but its gradient is that of the packing, and would take
-            // the velocity that made it for divergence.
-            |column| {
-                if closure.active {
-                    closure.level(column);
-                }
-            },
-            &this.exact_diagonal,
-            &this.source,
-            q,
-            // Truncated on purpose: a twentieth is what the iterations reach that are worth their time.
-            (0.05, iterations),
-            &mut work,
-        );
-        apply_gradient(q, &mut gradient);
-        (self.work, self.gradient, self.with_ghosts, self.closure) = (work, gradient, with_ghosts, closure);
-    }
-
-    /// `|Σ V ∇W|² + Σ f² r²` over fluid: the diagonal of `−D G`.
-    fn exact_diagonal(&mut self, p: &Particles<D>) {
-        let mut diagonal = std::mem::take(&mut self.exact_diagonal);
-        diagonal.resize(p.owned(), 1.0);
-        let floor = 1e-6 / (self.medium.spacing * self.medium.spacing);
-        sweep(&mut diagonal, |a| {
-            if !p.is_fluid(a) {
-                return 1.0;
+        this.sliced.rise(&this.arms, &this.unknowns, &mut gradient, |k, rise, gradient| {
+            let a = this.numbering.row(k);
+            let mut differences = -Vector(rise);
+            if answered == Answer::Full && this.at[a].off_walls != Vector::ZERO {
+                this.near.for_each_with(a, &this.f, |b, x_ab, f| {
+                    if !p.is_fluid(b) {
+                        let along = known_along(x_ab, this.normals[b]);
+                        differences += f * this.medium.rest_density * this.answer[b].dot(along) * along;
+                    }
+                });
             }
-            let mut total = self.at[a].slope.norm_squared();
-            self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-                if p.is_fluid(b) {
-                    total += f * f * x_ab.norm_squared();
-                }
-            });
-            total.max(floor)
+            *gradient = transform(&this.at[a].correction, differences);
         });
-        self.exact_diagonal = diagonal;
+        self.gradient = gradient;
     }
 
     /// (4): a few iterations of the exact projection on the velocity.
     fn clean(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
-        let owned = p.owned();
-        self.exact_diagonal(p);
-        domain.refresh_column(&mut self.v);
-        if self.settings.velocity_iterations > 0 {
-            let mut source = std::mem::take(&mut self.source);
-            sweep(&mut source, |a| if p.is_fluid(a) { -self.divergence_to_remove(a, dt) } else { 0.0 });
-            self.source = source;
-            let mut q = std::mem::take(&mut self.cleaning);
-            self.exact_projection(p, domain, self.settings.velocity_iterations, &mut q);
-            self.cleaning = q;
-            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                self.v[a] -= self.gradient[a];
-            }
-            domain.refresh_column(&mut self.v);
+        self.look_at_velocity(domain);
+        self.cleaning.resize(p.len(), 0.0);
+        if self.settings.velocity_iterations == 0 {
+            return;
         }
+        let mut source = std::mem::take(&mut self.source);
+        sweep(&mut source, |k| -self.divergence_to_remove(p, k, dt));
+        self.exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.velocity_iterations);
+        self.source = source;
+        let (numbering, exact) = (&self.numbering, &self.exact);
+        update(&mut self.v[..p.owned()], |a, v| {
+            if let Some(k) = numbering.place(a) {
+                *v -= exact.gradient(k);
+            }
+        });
+        sweep(&mut self.cleaning[..p.owned()], |a| numbering.place(a).map_or(0.0, |k| f64::from(exact.q[k])));
+        domain.refresh_column(&mut self.cleaning);
+        self.look_at_velocity(domain);
     }
 
     /// (5): shifting, and the displacement that brings back the density the step will have lost; in `self.shift`.
-    fn rearrange(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
+    fn rearrange(&mut self, p: &Particles<D>, dt: f64) {
         let owned = p.owned();
         let mut shift = std::mem::take(&mut self.shift);
-        shift.resize(p.len(), Vector::ZERO);
-        sweep(&mut shift[..owned], |a| if p.is_fluid(a) { self.shifting(a, dt) } else { Vector::ZERO });
-        domain.refresh_column(&mut shift);
+        shift.resize(owned, Vector::ZERO);
+        sweep(&mut shift, |a| if p.is_fluid(a) { self.shifting(a, dt) } else { Vector::ZERO });
         self.shift = shift;
         if self.settings.density_iterations == 0 {
             return;
         }
+        let (numbering, shift) = (&self.numbering, &self.shift);
+        sweep(&mut self.by_unknown, |k| shift[numbering.row(k)].0);
+        self.shift_strain.resize(numbering.len(), [[0.0; D]; D]);
+        self.sliced.strain(&self.arms, &self.by_unknown, &mut self.shift_strain);
         let mut source = std::mem::take(&mut self.source);
-        sweep(&mut source, |a| {
-            if !p.is_fluid(a) {
-                return 0.0;
-            }
+        sweep(&mut source, |k| {
+            let a = self.numbering.row(k);
             let at = &self.at[a];
+            // Walls are not shifted.
+            let by_shift = at.off_walls.dot(self.shift[a]) - trace(&self.shift_strain[k]);
             let crowded = at.density_error() >= 0.0 && at.place != Place::Inside;
             let error = if crowded { at.filling - 1.0 } else { at.density_error() };
-            let source = 0.5 * error * self.lattice.sum_w - dt * self.divergence(&self.v, a) - self.divergence(&self.shift, a);
+            let source = 0.5 * error * self.lattice.sum_w - dt * self.divergence(p, k) - by_shift;
             if crowded { source.max(0.0) } else { source }
         });
+        self.exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.density_iterations);
         self.source = source;
-        let mut q = std::mem::take(&mut self.packing);
-        self.exact_projection(p, domain, self.settings.density_iterations, &mut q);
-        self.packing = q;
-        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-            self.shift[a] -= capped(self.gradient[a], 0.1 * self.medium.spacing);
-        }
+        let (numbering, exact, most) = (&self.numbering, &self.exact, 0.1 * self.medium.spacing);
+        update(&mut self.shift[..owned], |a, shift| {
+            if let Some(k) = numbering.place(a) {
+                *shift -= capped(exact.gradient(k), most);
+            }
+        });
     }
 
     /// Shifting towards even spacing, m (Skillen et al. 2013), at most a tenth of a spacing: none on the surface, along it near it.
@@ -518,19 +579,20 @@ impl<const D: usize> Flow<D> {
         capped(shift, 0.1 * self.medium.spacing)
     }
 
-    /// `δx·∇v` at `a` with the corrected gradient, m/s.
-    fn convected(&self, p: &Particles<D>, a: usize) -> Vector<D> {
-        let mut total = Vector::ZERO;
-        if self.at[a].place != Place::Surface {
-            self.near.for_each_with(a, &self.f, |b, x_ab, f| {
-                if p.is_fluid(b) {
-                    let along = transform(&self.at[a].correction, x_ab).dot(self.shift[a]);
-                    total -= f * along * (self.v[b] - self.v[a]);
-                }
-            });
-        }
-        total
+    /// `δx·∇v` at fluid particle `a` with the corrected gradient, m/s.
+    fn convected(&self, a: usize) -> Vector<D> {
+        let Some(k) = self.numbering.place(a).filter(|_| self.at[a].place != Place::Surface) else {
+            return Vector::ZERO;
+        };
+        let (correction, shift, strain) = (&self.at[a].correction, self.shift[a], &self.strain[k]);
+        let along = Vector(std::array::from_fn(|j| (0..D).map(|i| correction[i][j] * shift[i]).sum()));
+        Vector(std::array::from_fn(|i| -Vector(strain[i]).dot(along)))
     }
+}
+
+/// `Σ_i m_ii`.
+fn trace<const D: usize>(m: &[[f64; D]; D]) -> f64 {
+    (0..D).map(|i| m[i][i]).sum()
 }
 
 /// Whether the pressure of walls answers to gravity and their acceleration: in the first pressure solve of a step.
@@ -551,8 +613,11 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
     fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         self.flow.dt_before = None;
         self.flow.lattice = Lattice::of(self.kernel, p.h_max(), self.flow.medium.spacing, self.flow.medium.rest_density);
-        self.look_around(p, domain)?;
-        self.flow.start(p, domain)
+        // Entering the pool once is cheaper than at every sweep.
+        rayon::scope(|_| {
+            self.look_around(p, domain)?;
+            self.flow.start(p, domain)
+        })
     }
 
     fn time_step(&self, p: &Particles<D>) -> StepLimit {
@@ -560,8 +625,10 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
     }
 
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
-        phases.measure("search", || self.look_around(p, domain))?;
-        self.flow.step(p, domain, dt, phases)
+        rayon::scope(|_| {
+            phases.measure("search", || self.look_around(p, domain))?;
+            self.flow.step(p, domain, dt, phases)
+        })
     }
 }
 
@@ -617,7 +684,7 @@ impl<const D: usize> Flow<D> {
         phases.measure("clean-up", || self.clean(p, domain, kick));
 
         // (5) even spacing, and the density kept by moving particles
-        phases.measure("positions", || self.rearrange(p, domain, dt));
+        phases.measure("positions", || self.rearrange(p, dt));
 
         // (6) x += Δt v + δx, v += δx·∇v; nothing passes a wall
         phases.measure("motion", || {
@@ -627,16 +694,22 @@ impl<const D: usize> Flow<D> {
             let (medium, at) = ((self.medium.gravity, self.medium.spacing), &self.at);
             self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, medium, (dt, kick), &mut moved);
             self.moved = moved;
-            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.acceleration[a] = (self.moved[a].v - p.v[a]) / kick;
-                p.v[a] = self.moved[a].v;
-            }
+            let (moved, kind) = (&self.moved, &p.kind);
+            update2(&mut p.acceleration[..owned], &mut p.v[..owned], |a, acceleration, v| {
+                if kind[a] == Kind::Fluid {
+                    *acceleration = (moved[a].v - *v) / kick;
+                    *v = moved[a].v;
+                }
+            });
             p.pressure.clone_from(&self.pressure);
             self.wall_pressures(p);
             self.wall_forces(p, domain, kick);
-            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                p.x[a] = self.moved[a].x;
-            }
+            let (moved, kind) = (&self.moved, &p.kind);
+            update(&mut p.x[..owned], |a, x| {
+                if kind[a] == Kind::Fluid {
+                    *x = moved[a].x;
+                }
+            });
         });
         self.dt_before = Some(dt);
         Ok(report)
@@ -688,14 +761,17 @@ impl<const D: usize> Flow<D> {
         let (mut iterations, mut residual) = (0, 0.0f64);
         for pass in 0..self.settings.pressure_passes {
             let answered = if pass == 0 { Answer::Full } else { Answer::None };
-            sweep(&mut self.solution[..owned], |a| if pass == 0 && p.is_fluid(a) { p.pressure[a] } else { 0.0 });
+            self.unknowns.resize(self.numbering.len(), 0.0);
+            let numbering = &self.numbering;
+            sweep(&mut self.unknowns, |k| if pass == 0 { p.pressure[numbering.row(k)] } else { 0.0 });
             let solved = self.solve(p, domain, dt, answered)?;
             iterations += solved.iterations;
             residual = residual.max(solved.residual);
             let mut next = std::mem::take(&mut self.v_next);
             next.resize(p.len(), Vector::ZERO);
+            self.pressure_gradient(p, answered);
             sweep(&mut next[..owned], |a| match p.kind[a] {
-                Kind::Fluid => self.v[a] - (dt / rest) * self.pressure_gradient(p, answered, a),
+                Kind::Fluid => self.v[a] - (dt / rest) * self.numbering.place(a).map_or(Vector::ZERO, |k| self.gradient[k]),
                 Kind::Wall => p.v[a],
                 Kind::Lost => Vector::ZERO,
             });
@@ -708,9 +784,8 @@ impl<const D: usize> Flow<D> {
             });
             self.rise = rise;
             self.v_next = std::mem::replace(&mut self.v, next);
-            for (total, part) in self.pressure.iter_mut().zip(&self.solution) {
-                *total += part;
-            }
+            let solution = &self.solution;
+            update(&mut self.pressure, |a, total| *total += solution[a]);
         }
         domain.refresh_column(&mut self.v);
         Ok(StepReport {

@@ -1,14 +1,13 @@
 //! Sparse matrices in single precision, and the products that make one level from another.
 
+use std::sync::Mutex;
+
 use rayon::prelude::*;
 
-use crate::poisson::CsrMatrix;
+use crate::poisson::sliced::Sliced;
 
-/// Rows made or multiplied as one piece of work.
+/// Rows made as one piece of work.
 const ROWS: usize = 512;
-
-/// Stored entries from which a product is shared among threads.
-const SHARED_ENTRIES: usize = 50_000;
 
 /// Row without an aggregate.
 pub(super) const NONE: u32 = u32::MAX;
@@ -16,19 +15,16 @@ pub(super) const NONE: u32 = u32::MAX;
 /// Marks rows that joined an aggregate late.
 const JOINED: u32 = 1 << 31;
 
-/// Rows of numbers in single precision, columns ascending.
+/// Rows of numbers in single precision; each column once a row, in the order in which they came.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
-    ends: Vec<usize>,
-    columns: Vec<u32>,
-    values: Vec<f32>,
+    rows: usize,
     blocks: Vec<Block>,
 }
 
-/// Rows as they are gathered.
 #[derive(Debug, Default)]
 struct Block {
-    ends: Vec<usize>,
+    ends: Vec<u32>,
     columns: Vec<u32>,
     values: Vec<f32>,
 }
@@ -37,164 +33,170 @@ struct Block {
 struct LastRow<'a> {
     block: &'a mut Block,
     start: usize,
+    /// Where in the block each column was last put.
+    places: &'a mut [u32],
 }
 
 impl LastRow<'_> {
     /// Adds to the entry in `column`.
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, column: u32, value: f32) {
         let Block { columns, values, .. } = &mut *self.block;
-        let mut at = columns.len();
-        while at > self.start && columns[at - 1] > column {
-            at -= 1;
-        }
-        if at > self.start && columns[at - 1] == column {
-            values[at - 1] += value;
+        let place = &mut self.places[column as usize];
+        let at = *place as usize;
+        // A place left by another row holds another column, or is not of this row.
+        if at >= self.start && columns.get(at) == Some(&column) {
+            values[at] += value;
         } else {
-            columns.insert(at, column);
-            values.insert(at, value);
+            *place = columns.len() as u32;
+            columns.push(column);
+            values.push(value);
         }
+    }
+}
+
+/// A list of columns for each thread, kept from use to use: it says where in a row a column stands.
+#[derive(Debug, Default)]
+pub(super) struct Workspaces(Vec<Mutex<Vec<u32>>>);
+
+impl Workspaces {
+    fn prepare(&mut self) {
+        self.0.resize_with(rayon::current_num_threads() + 1, Mutex::default);
+    }
+
+    fn with<T>(&self, columns: usize, work: impl FnOnce(&mut [u32]) -> T) -> T {
+        let thread = rayon::current_thread_index().map_or(0, |thread| thread + 1);
+        // A thread that panicked has left nothing that matters here.
+        let mut places = self.0[thread].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if places.len() < columns {
+            places.resize(columns, 0);
+        }
+        work(&mut places)
     }
 }
 
 impl Rows {
     pub(super) fn rows(&self) -> usize {
-        self.ends.len()
+        self.rows
     }
 
     #[inline]
-    pub(super) fn row(&self, i: usize) -> (&[u32], &[f32]) {
-        let range = (if i == 0 { 0 } else { self.ends[i - 1] })..self.ends[i];
-        (&self.columns[range.clone()], &self.values[range])
+    pub(super) fn row(&self, i: usize) -> impl Iterator<Item = (u32, f32)> + '_ {
+        let (block, at) = (&self.blocks[i / ROWS], i % ROWS);
+        let range = (if at == 0 { 0 } else { block.ends[at - 1] as usize })..block.ends[at] as usize;
+        block.columns[range.clone()].iter().copied().zip(block.values[range].iter().copied())
     }
 
-    /// `Σ_j |a_ij|`.
-    pub(super) fn sum_of_sizes(&self, i: usize) -> f32 {
-        self.row(i).1.iter().map(|value| value.abs()).sum()
-    }
-
-    /// Takes over a matrix in double precision.
-    pub(super) fn copy(&mut self, a: &CsrMatrix) {
-        self.ends.clear();
-        self.columns.clear();
-        self.values.clear();
-        for i in 0..a.rows() {
-            let (columns, values) = a.row(i);
-            self.columns.extend_from_slice(columns);
-            self.values.extend(values.iter().map(|&value| value as f32));
-            self.ends.push(self.columns.len());
-        }
-    }
-
-    /// `out[i] = value(i, (A x)_i)`.
-    pub(super) fn set(&self, x: &[f32], out: &mut [f32], value: impl Fn(usize, f32) -> f32 + Sync) {
-        self.for_rows(x, out, |i, sum, out| *out = value(i, sum));
-    }
-
-    /// `r −= A x`.
-    pub(super) fn subtract(&self, x: &[f32], r: &mut [f32]) {
-        self.for_rows(x, r, |_, sum, r| *r -= sum);
-    }
-
-    fn for_rows(&self, x: &[f32], y: &mut [f32], set: impl Fn(usize, f32, &mut f32) + Sync) {
-        let rows = |first: usize, y: &mut [f32]| {
-            for (i, y) in y.iter_mut().enumerate() {
-                let (columns, values) = self.row(first + i);
-                let sum: f32 = columns.iter().zip(values).map(|(&j, a)| a * x[j as usize]).sum();
-                set(first + i, sum, y);
-            }
-        };
-        if self.columns.len() < SHARED_ENTRIES {
-            rows(0, y);
-        } else {
-            y.par_chunks_mut(ROWS).enumerate().for_each(|(block, y)| rows(block * ROWS, y));
-        }
-    }
-
-    /// Replaces the rows by `n` new ones; `fill(i, row)` adds to row `i`, columns in any order.
-    fn gather(&mut self, n: usize, fill: impl Fn(usize, &mut LastRow) + Sync) {
+    /// Replaces the rows by `n` new ones; `fill(i, row)` adds to row `i`.
+    fn gather(&mut self, n: usize, columns: usize, work: &mut Workspaces, fill: impl Fn(usize, &mut LastRow) + Sync) {
+        self.rows = n;
         self.blocks.resize_with(n.div_ceil(ROWS), Block::default);
+        work.prepare();
+        let work = &*work;
         self.blocks.par_iter_mut().enumerate().for_each(|(number, block)| {
-            block.ends.clear();
-            block.columns.clear();
-            block.values.clear();
-            for i in number * ROWS..n.min((number + 1) * ROWS) {
-                let start = block.columns.len();
-                fill(i, &mut LastRow { block, start });
-                block.ends.push(block.columns.len());
-            }
+            work.with(columns, |places| {
+                block.ends.clear();
+                block.columns.clear();
+                block.values.clear();
+                for i in number * ROWS..n.min((number + 1) * ROWS) {
+                    let start = block.columns.len();
+                    fill(i, &mut LastRow { block, start, places });
+                    block.ends.push(block.columns.len() as u32);
+                }
+            });
         });
-        self.ends.clear();
-        self.columns.clear();
-        self.values.clear();
-        for block in &self.blocks {
-            let base = self.columns.len();
-            self.ends.extend(block.ends.iter().map(|end| base + end));
-            self.columns.extend_from_slice(&block.columns);
-            self.values.extend_from_slice(&block.values);
-        }
     }
 
-    /// `(I − damping D⁻¹A) T` with `T` one where a row belongs to an aggregate.
-    pub(super) fn smoothed(&mut self, a: &Rows, inverse: &[f32], damping: f32, aggregate: &[u32]) {
-        self.gather(a.rows(), |i, row| {
+    /// `(I − damping D⁻¹A) T` with `T` one where a row belongs to one of `count` aggregates.
+    pub(super) fn smoothed(&mut self, a: &Sliced, damping: f32, aggregate: &[u32], count: usize, work: &mut Workspaces) {
+        let inverse = a.inverse();
+        self.gather(a.rows(), count, work, |i, row| {
             if aggregate[i] == NONE {
                 return;
             }
-            row.add(aggregate[i], 1.0);
-            let (columns, values) = a.row(i);
-            for (&j, &value) in columns.iter().zip(values) {
+            let scale = damping * inverse[i];
+            row.add(aggregate[i], 1.0 - scale * a.diagonal(i) as f32);
+            for (j, weight) in a.row(i) {
                 if aggregate[j as usize] != NONE {
-                    row.add(aggregate[j as usize], -damping * inverse[i] * value);
+                    row.add(aggregate[j as usize], scale * weight);
                 }
+            }
+        });
+    }
+
+    /// `A · right`.
+    pub(super) fn product_of_level(&mut self, a: &Sliced, right: &Rows, columns: usize, work: &mut Workspaces) {
+        self.gather(a.rows(), columns, work, |i, row| {
+            let diagonal = a.diagonal(i) as f32;
+            right.row(i).for_each(|(j, other)| row.add(j, diagonal * other));
+            for (k, weight) in a.row(i) {
+                right.row(k as usize).for_each(|(j, other)| row.add(j, -weight * other));
             }
         });
     }
 
     /// `left · right`.
-    pub(super) fn product(&mut self, left: &Rows, right: &Rows) {
-        self.gather(left.rows(), |i, row| {
-            let (columns, values) = left.row(i);
-            for (&k, &value) in columns.iter().zip(values) {
-                let (columns, others) = right.row(k as usize);
-                for (&j, &other) in columns.iter().zip(others) {
-                    row.add(j, value * other);
-                }
+    pub(super) fn product(&mut self, left: &Rows, right: &Rows, columns: usize, work: &mut Workspaces) {
+        self.gather(left.rows(), columns, work, |i, row| {
+            for (k, value) in left.row(i) {
+                right.row(k as usize).for_each(|(j, other)| row.add(j, value * other));
             }
         });
     }
 
     /// The transpose of `other`, which has `columns` columns.
     pub(super) fn transpose_of(&mut self, other: &Rows, columns: usize) {
-        // Starts of the rows; filling moves each to its end.
-        self.ends.clear();
-        self.ends.resize(columns + 1, 0);
-        other.columns.iter().for_each(|&j| self.ends[j as usize + 1] += 1);
-        (0..columns).for_each(|j| self.ends[j + 1] += self.ends[j]);
-        self.ends.pop();
-        self.columns.clear();
-        self.columns.resize(other.columns.len(), 0);
-        self.values.clear();
-        self.values.resize(other.columns.len(), 0.0);
-        for i in 0..other.rows() {
-            let (columns, values) = other.row(i);
-            for (&j, &value) in columns.iter().zip(values) {
-                let at = &mut self.ends[j as usize];
-                self.columns[*at] = i as u32;
-                self.values[*at] = value;
+        self.rows = columns;
+        self.blocks.resize_with(columns.div_ceil(ROWS), Block::default);
+        for (number, block) in self.blocks.iter_mut().enumerate() {
+            block.ends.clear();
+            block.ends.resize(ROWS.min(columns - number * ROWS), 0);
+        }
+        // Lengths, then starts of the rows; filling moves each to its end.
+        for block in &other.blocks {
+            block.columns.iter().for_each(|&j| self.blocks[j as usize / ROWS].ends[j as usize % ROWS] += 1);
+        }
+        for block in &mut self.blocks {
+            let mut start = 0;
+            for end in &mut block.ends {
+                (*end, start) = (start, start + *end);
+            }
+            block.columns.resize(start as usize, 0);
+            block.values.resize(start as usize, 0.0);
+        }
+        for i in 0..other.rows {
+            for (j, value) in other.row(i) {
+                let block = &mut self.blocks[j as usize / ROWS];
+                let at = &mut block.ends[j as usize % ROWS];
+                block.columns[*at as usize] = i as u32;
+                block.values[*at as usize] = value;
                 *at += 1;
             }
         }
     }
+
+    /// The same in slices, with `columns` columns.
+    pub(super) fn slice(&self, columns: usize, sliced: &mut Sliced) {
+        sliced.fill_wide(self.rows, columns, |i, row| self.row(i).for_each(|(j, value)| row.push(j as usize, value, [])));
+    }
+
+    /// The same as a square matrix in slices.
+    pub(super) fn slice_square(&self, sliced: &mut Sliced) {
+        sliced.fill(self.rows, &mut super::super::sliced::Arms::<0>::default(), |i, row| {
+            let mut diagonal = 0.0;
+            self.row(i).for_each(|(j, value)| if j as usize == i { diagonal = value } else { row.push(j as usize, -value, []) });
+            f64::from(diagonal)
+        });
+    }
 }
 
 /// Numbers the aggregate of each row, and answers how many there are. Rows connected to no other belong to none.
-pub(super) fn aggregate(a: &Rows, aggregate: &mut Vec<u32>) -> usize {
+pub(super) fn aggregate(a: &Sliced, aggregate: &mut Vec<u32>) -> usize {
     let n = a.rows();
     aggregate.clear();
     aggregate.resize(n, NONE);
     let mut count = 0u32;
-    let others = |i: usize| a.row(i).0.iter().map(|&j| j as usize).filter(move |&j| j != i);
+    let others = |i: usize| a.row(i).map(|(j, _)| j as usize).filter(move |&j| j != i);
     // Whole neighbourhoods that nothing has touched yet.
     for i in 0..n {
         if aggregate[i] == NONE && others(i).next().is_some() && others(i).all(|j| aggregate[j] == NONE) {
@@ -207,12 +209,11 @@ pub(super) fn aggregate(a: &Rows, aggregate: &mut Vec<u32>) -> usize {
     let whole = count;
     for i in 0..n {
         if aggregate[i] == NONE {
-            let (columns, values) = a.row(i);
             let mut most = (0.0, NONE);
-            for (&j, &value) in columns.iter().zip(values) {
+            for (j, weight) in a.row(i) {
                 let of = aggregate[j as usize];
-                if of < whole && value.abs() > most.0 {
-                    most = (value.abs(), of);
+                if of < whole && weight.abs() > most.0 {
+                    most = (weight.abs(), of);
                 }
             }
             if most.1 != NONE {

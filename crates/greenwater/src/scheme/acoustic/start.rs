@@ -1,6 +1,6 @@
 //! The first state: speed of sound, lattice, density and pressure.
 
-use super::{Acoustic, Bulk, StartPressure};
+use super::{Acoustic, Bulk, StartPressure, closed_density};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::math::Vector;
@@ -26,7 +26,7 @@ const RESIDUAL: f64 = 1e-8;
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Fills what follows from positions, velocities and the wanted start.
     pub(super) fn first_state(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
-        self.since_reset = 0;
+        (self.since_reset, self.since_order) = (0, 0);
         if let Some(factor) = self.plan.sound_factor {
             self.plan.state.sound = factor * reference_speed(&self.medium, p);
         }
@@ -47,6 +47,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             self.release(p, domain)?;
             self.surface(p, domain);
         }
+        self.closed = closed_density(p, domain);
         self.shift(p, domain, 0.0);
         // A step of no length: rates, accelerations and forces of this state.
         self.bulk.fill(Bulk::default());

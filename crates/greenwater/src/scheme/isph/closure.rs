@@ -1,5 +1,6 @@
 //! Fluid without a free surface: its pressure is known up to a constant.
 
+use super::numbering::Numbering;
 use super::parts::Parts;
 
 /// Which parts of the fluid touch no free surface, so that their pressure has no level of its own.
@@ -9,7 +10,7 @@ pub(super) struct Closure {
     pub(super) parts: bool,
     /// Some fluid touches no surface in this step.
     pub(super) active: bool,
-    /// Part of each row; [`OPEN`] where it has a level.
+    /// Part of each unknown; [`OPEN`] where it has a level.
     part: Vec<u32>,
     /// Sum and number of each part.
     sums: Vec<(f64, f64)>,
@@ -18,21 +19,23 @@ pub(super) struct Closure {
 const OPEN: u32 = u32::MAX;
 
 impl Closure {
-    /// Finds the parts of the fluid that touch no surface; whether there are any. `pull` is positive where one is.
-    pub(super) fn find<const D: usize>(&mut self, parts: &Parts<D>, pull: &[f64]) -> bool {
+    /// Finds the parts of the fluid that touch no surface; whether there are any. `pull` of an unknown is positive where one is.
+    pub(super) fn find<const D: usize>(&mut self, parts: &Parts<D>, numbering: &Numbering, pull: &[f64]) -> bool {
         self.sums.clear();
         self.sums.resize(parts.count, (0.0, 0.0));
-        for (&part, pull) in parts.of.iter().zip(pull) {
+        self.part.clear();
+        self.part.extend(numbering.rows.iter().map(|&row| parts.of[row as usize]));
+        for (&part, pull) in self.part.iter().zip(pull) {
             if let Some((sum, _)) = self.sums.get_mut(part as usize) {
                 *sum += pull.max(0.0);
             }
         }
-        self.part.clear();
         let sums = &self.sums;
-        self.part.extend(parts.of.iter().map(|&part| match sums.get(part as usize) {
-            Some((sum, _)) if *sum == 0.0 => part,
-            _ => OPEN,
-        }));
+        for part in &mut self.part {
+            if sums.get(*part as usize).is_none_or(|&(sum, _)| sum != 0.0) {
+                *part = OPEN;
+            }
+        }
         self.part.iter().any(|&part| part != OPEN)
     }
 

@@ -1,6 +1,8 @@
 //! Parts of the fluid that touch each other, and what each of them owes to mechanics while it touches no wall.
 
 use super::walls::Guarded;
+use rayon::prelude::*;
+
 use crate::domain::Domain;
 use crate::math::{Matrix, Vector, inverse};
 use crate::neighbors::Neighbors;
@@ -16,6 +18,8 @@ pub(super) struct Parts<const D: usize> {
     pub(super) of: Vec<u32>,
     pub(super) count: usize,
     bodies: Vec<Body<D>>,
+    /// Pairs of fluid whose second row belongs to an earlier block.
+    across: Vec<Vec<(u32, u32)>>,
 }
 
 /// Sums over a part.
@@ -36,6 +40,24 @@ struct Body<const D: usize> {
     inertia: Matrix<3>,
 }
 
+/// Rows that look for each other at once.
+const BLOCK: usize = 4096;
+
+/// The first row of the part of `a`, as far as it is known.
+fn first(of: &mut [u32], mut a: u32) -> u32 {
+    while of[a as usize] != a {
+        of[a as usize] = of[of[a as usize] as usize];
+        a = of[a as usize];
+    }
+    a
+}
+
+/// Makes the parts of two rows one.
+fn join(of: &mut [u32], a: u32, b: u32) {
+    let (a, b) = (first(of, a), first(of, b));
+    of[a.max(b) as usize] = a.min(b);
+}
+
 /// Planes of axes in which something turns: the first one in two dimensions, three in three.
 const PLANES: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
@@ -49,22 +71,34 @@ impl<const D: usize> Parts<D> {
     /// Finds the parts.
     pub(super) fn find(&mut self, p: &Particles<D>, domain: &Domain<D>, near: &Neighbors<D>) {
         let owned = p.owned();
-        self.of.clear();
-        self.of.extend(0..owned as u32);
-        fn first(of: &mut [u32], mut a: u32) -> u32 {
-            while of[a as usize] != a {
-                of[a as usize] = of[of[a as usize] as usize];
-                a = of[a as usize];
-            }
-            a
-        }
-        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-            for &b in near.of(a) {
-                let b = domain.parent(b as usize, owned);
-                if b < a && p.is_fluid(b) {
-                    let (one, other) = (first(&mut self.of, a as u32), first(&mut self.of, b as u32));
-                    self.of[one.max(other) as usize] = one.min(other);
+        self.of.resize(owned, 0);
+        self.across.resize_with(owned.div_ceil(BLOCK), Vec::new);
+        // A row leads to one before it, and in the end to the first of its part, whichever pairs are looked at first: blocks on their own,
+        // then the pairs across them.
+        let blocks = self.of.par_chunks_mut(BLOCK).zip(&mut self.across).enumerate();
+        blocks.for_each(|(block, (of, across))| {
+            let start = block * BLOCK;
+            across.clear();
+            of.iter_mut().enumerate().for_each(|(i, of)| *of = i as u32);
+            for i in 0..of.len() {
+                let a = start + i;
+                if !p.is_fluid(a) {
+                    continue;
                 }
+                for &b in near.of(a) {
+                    let b = domain.parent(b as usize, owned);
+                    if b < start && p.is_fluid(b) {
+                        across.push((a as u32, b as u32));
+                    } else if b < a && of[b - start] != of[i] && p.is_fluid(b) {
+                        join(of, i as u32, (b - start) as u32);
+                    }
+                }
+            }
+            of.iter_mut().for_each(|of| *of += start as u32);
+        });
+        for &(a, b) in self.across.iter().flatten() {
+            if self.of[a as usize] != self.of[b as usize] {
+                join(&mut self.of, a, b);
             }
         }
         for a in 0..owned as u32 {
@@ -99,18 +133,22 @@ impl<const D: usize> Parts<D> {
         self.bodies.clear();
         self.bodies.resize(self.count, Body::default());
         let (bodies, of) = (&mut self.bodies, &self.of);
+        for (a, &part) in of.iter().enumerate() {
+            if let Some(body) = bodies.get_mut(part as usize).filter(|body| !body.held) {
+                body.held = held(a);
+            }
+        }
+        if bodies.iter().all(|body| body.held) {
+            return;
+        }
         for (a, moved) in moved.iter().enumerate() {
-            if let Some(body) = bodies.get_mut(of[a] as usize) {
-                body.held |= held(a);
+            if let Some(body) = bodies.get_mut(of[a] as usize).filter(|body| !body.held) {
                 body.mass += p.mass[a];
                 body.centre += p.mass[a] * p.x[a];
                 body.owed += p.mass[a] * (p.v[a] + kick * gravity);
                 body.found += p.mass[a] * moved.v;
                 body.moved += p.mass[a] * (moved.x - p.x[a]);
             }
-        }
-        if bodies.iter().all(|body| body.held) {
-            return;
         }
         for body in &mut *bodies {
             body.centre = body.centre / body.mass;

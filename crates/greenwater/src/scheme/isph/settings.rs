@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::Isph;
 use crate::kernel::{Kernel, KernelName};
 use crate::neighbors::Search;
-use crate::poisson::{SolveError, SolverSettings};
+use crate::poisson::{PreconditionerKind, SolveError, SolverSettings};
 use crate::scheme::settings::{BrokenRule, Settings};
 use crate::scheme::{Medium, Preset, Scheme};
 
@@ -69,7 +69,7 @@ impl IsphSettings {
             shifting: 2.0,
             wall_friction: WallFriction::NoSlip,
             search: Search::Grid,
-            solver: SolverSettings { tolerance: 1e-3, ..SolverSettings::default() },
+            solver: SolverSettings { preconditioner: PreconditionerKind::Multigrid, tolerance: 1e-3, ..SolverSettings::default() },
         }
     }
 }

@@ -58,7 +58,7 @@ impl<const D: usize> Flow<D> {
     pub(super) fn guarded(&self, p: &Particles<D>, a: usize, dt: f64) -> Guarded<D> {
         let dx = self.medium.spacing;
         let x = p.x[a] + dt * self.v[a] + self.shift[a];
-        let v = self.v[a] + self.convected(p, a);
+        let v = self.v[a] + self.convected(a);
         let mut moved = Guarded { x, v, taken: Vector::ZERO, wall: u32::MAX };
         if self.at[a].off_walls == Vector::ZERO {
             return moved;
@@ -117,7 +117,7 @@ impl<const D: usize> Flow<D> {
         let mut total = Vector::ZERO;
         self.near.for_each_with(a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
-                let pressure = scale * (2.0 * self.pressure[b] + rest * self.answer[a].dot(x_ab)) + rest * self.with_ghosts[b] / dt;
+                let pressure = scale * (2.0 * self.pressure[b] + rest * self.answer[a].dot(x_ab)) + rest * self.cleaning[b] / dt;
                 total += p.mass[b] / rest * f * pressure * x_ab;
                 let owner = domain.parent(b, p.owned());
                 let moved = &self.moved[owner];
@@ -132,14 +132,6 @@ impl<const D: usize> Flow<D> {
     /// Forces on walls: friction is there already; adds the rest, and shares out what the momentum of the fluid says is missing.
     pub(super) fn wall_forces(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let owned = p.owned();
-        // Potential of the clean-up, with ghosts.
-        if self.settings.velocity_iterations > 0 {
-            self.with_ghosts[..owned].copy_from_slice(&self.cleaning);
-            domain.refresh_column(&mut self.with_ghosts);
-        } else {
-            self.with_ghosts.clear();
-            self.with_ghosts.resize(p.len(), 0.0);
-        }
         let mut force = std::mem::take(&mut p.force);
         let this = &*self;
         update(&mut force[..owned], |a, force| {

@@ -1,0 +1,617 @@
+//! Sums of rows that gather, `Σ_k w_k x[c_k]`, for sixteen rows at once: the loop in which iterative solvers spend their time.
+//!
+//! Rows are stored in slices of sixteen, entry by entry, so that the lanes of a vector unit are rows: no sum runs across lanes, and a
+//! row adds its terms in the order they were stored in. Multiplication and addition round separately; every instruction set gives
+//! the same bits. Beside `lanes` the only `unsafe` code of the library: gathers do not check their indices, and the columns of [`Slices`]
+//! are below a bound that every call compares with the length of what it gathers from.
+
+/// Rows of a slice.
+pub const LANES: usize = 16;
+
+/// A number for each row of a slice, on a cache line of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Lanes<T>(pub [T; LANES]);
+
+impl<T: Copy + Default> Default for Lanes<T> {
+    fn default() -> Self {
+        Self([T::default(); LANES])
+    }
+}
+
+/// The columns of rows, sixteen rows a slice. Where a row is shorter than the longest of its slice, it is filled up with itself; weights there
+/// are to be zero.
+#[derive(Clone, Debug, Default)]
+pub struct Slices {
+    /// Where each slice ends in `columns`.
+    ends: Vec<u32>,
+    columns: Vec<Lanes<u32>>,
+    /// Above every column.
+    bound: usize,
+}
+
+impl Slices {
+    /// Forgets all rows; storage stays.
+    pub fn clear(&mut self) {
+        self.ends.clear();
+        self.columns.clear();
+        self.bound = 0;
+    }
+
+    /// Appends an entry to each row of the slice that is open: the row itself, until [set](Self::set) to another column.
+    #[inline]
+    pub fn grow(&mut self, own: &Lanes<u32>) {
+        let last = own.0.iter().fold(0, |last, &column| last.max(column));
+        self.bound = self.bound.max(last as usize + 1);
+        self.columns.push(*own);
+    }
+
+    /// Sets the column of a lane in an entry.
+    #[inline(always)]
+    pub fn set(&mut self, entry: usize, lane: usize, column: u32) {
+        self.columns[entry].0[lane] = column;
+        self.bound = self.bound.max(column as usize + 1);
+    }
+
+    /// Ends the slice that is open.
+    pub fn close(&mut self) {
+        // Gathers take 32-bit indices with a sign.
+        assert!(self.bound < i32::MAX as usize, "column {} does not fit an index", self.bound - 1);
+        self.ends.push(self.columns.len() as u32);
+    }
+
+    /// The entries of slice `s`.
+    pub fn range(&self, s: usize) -> std::ops::Range<usize> {
+        (if s == 0 { 0 } else { self.ends[s - 1] as usize })..self.ends[s] as usize
+    }
+
+    /// The columns, entry by entry.
+    pub fn columns(&self) -> &[Lanes<u32>] {
+        &self.columns
+    }
+
+    /// Memory held, bytes.
+    pub fn bytes(&self) -> usize {
+        4 * self.ends.capacity() + size_of::<Lanes<u32>>() * self.columns.capacity()
+    }
+
+    /// `Σ_k w_k x[c_k]` of every row, for each of several weights; `out` have an entry for each lane of each slice.
+    #[inline]
+    pub fn spread<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[f32], out: [&mut [f32]; S]) {
+        assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f") {
+                // SAFETY: the processor has AVX-512F; columns are below `bound`, which is not above `x.len()` nor `i32::MAX`.
+                return unsafe { avx512::spread_all(self, w, x, out) };
+            }
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: as above, with AVX2.
+                return unsafe { avx2::spread_all(self, w, x, out) };
+            }
+        }
+        portable::spread_all(self, w, x, out);
+    }
+
+    /// `Σ_k Σ_s w_sk x[c_k]_s` of every row.
+    #[inline]
+    pub fn join<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[[f32; S]], out: &mut [f32]) {
+        assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
+        assert!(x.len() * S < i32::MAX as usize, "{} values of {S} numbers do not fit an index", x.len());
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f") {
+                // SAFETY: as in `spread`; `S` columns fit an index.
+                return unsafe { avx512::join_all(self, w, x, out) };
+            }
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: as in `spread`; `S` columns fit an index.
+                return unsafe { avx2::join_all(self, w, x, out) };
+            }
+        }
+        portable::join_all(self, w, x, out);
+    }
+
+    /// `Σ_k w_k (x[c_k] − own)` of the rows of slice `s` for each of several weights, in double precision.
+    #[inline]
+    pub fn rise<const S: usize>(&self, s: usize, w: [&[Lanes<f32>]; S], x: &[f64], own: &Lanes<f64>) -> [Lanes<f64>; S] {
+        let range = self.range(s);
+        let columns = &self.columns[range.clone()];
+        let w = w.map(|w| &w[range.clone()]);
+        assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx512f") {
+            // SAFETY: as in `spread`.
+            return unsafe { avx512::rise(columns, w, x, own) };
+        }
+        portable::rise(columns, w, x, own)
+    }
+
+    /// `Σ_k (x[c_k]_i − own_i) w_jk` of the rows of slice `s` for all `i` and `j`, in double precision.
+    #[inline]
+    pub fn strain<const S: usize>(&self, s: usize, w: [&[Lanes<f32>]; S], x: &[[f64; S]], own: &[Lanes<f64>; S]) -> [[Lanes<f64>; S]; S] {
+        let range = self.range(s);
+        let columns = &self.columns[range.clone()];
+        let w = w.map(|w| &w[range.clone()]);
+        assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
+        assert!(x.len() * S < i32::MAX as usize, "{} values of {S} numbers do not fit an index", x.len());
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx512f") {
+            // SAFETY: as in `spread`; `S` columns fit an index.
+            return unsafe { avx512::strain(columns, w, x, own) };
+        }
+        portable::strain(columns, w, x, own)
+    }
+
+    /// `Σ_k w_k x[c_k]` of every row, summed in double precision.
+    #[inline]
+    pub fn sum(&self, w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
+        assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f") {
+                // SAFETY: as in `spread`.
+                return unsafe { avx512::sum_all(self, w, x, out) };
+            }
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: as in `spread`.
+                return unsafe { avx2::sum_all(self, w, x, out) };
+            }
+        }
+        portable::sum_all(self, w, x, out);
+    }
+}
+
+/// Loops over all slices, compiled for the instructions of the functions they call.
+macro_rules! all_slices {
+    ($(#[$feature:meta])* $($unsafe:ident)?) => {
+        /// # Safety
+        /// Columns are below `x.len()` and `i32::MAX`, and the processor has the instructions.
+        $(#[$feature])*
+        pub(super) $($unsafe)? fn spread_all<const S: usize>(slices: &super::Slices, w: [&[Lanes<f32>]; S], x: &[f32], mut out: [&mut [f32]; S]) {
+            for s in 0..slices.ends.len() {
+                let range = slices.range(s);
+                let mut part = w;
+                part.iter_mut().for_each(|w| *w = &w[range.clone()]);
+                // SAFETY: as the caller promises.
+                #[allow(unused_unsafe)]
+                let sums = unsafe { spread(&slices.columns[range], part, x) };
+                for (out, sums) in out.iter_mut().zip(&sums) {
+                    out[s * LANES..][..LANES].copy_from_slice(&sums.0);
+                }
+            }
+        }
+
+        /// # Safety
+        /// Columns are below `x.len()`, and `S` times that fits 31 bits, and the processor has the instructions.
+        $(#[$feature])*
+        pub(super) $($unsafe)? fn join_all<const S: usize>(slices: &super::Slices, w: [&[Lanes<f32>]; S], x: &[[f32; S]], out: &mut [f32]) {
+            for s in 0..slices.ends.len() {
+                let range = slices.range(s);
+                let mut part = w;
+                part.iter_mut().for_each(|w| *w = &w[range.clone()]);
+                // SAFETY: as the caller promises.
+                #[allow(unused_unsafe)]
+                let sums = unsafe { join(&slices.columns[range], part, x) };
+                out[s * LANES..][..LANES].copy_from_slice(&sums.0);
+            }
+        }
+
+        /// # Safety
+        /// Columns are below `x.len()` and `i32::MAX`, and the processor has the instructions.
+        $(#[$feature])*
+        pub(super) $($unsafe)? fn sum_all(slices: &super::Slices, w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
+            for s in 0..slices.ends.len() {
+                let range = slices.range(s);
+                // SAFETY: as the caller promises.
+                #[allow(unused_unsafe)]
+                let sums = unsafe { sum(&slices.columns[range.clone()], &w[range], x) };
+                out[s * LANES..][..LANES].copy_from_slice(&sums.0);
+            }
+        }
+    };
+}
+
+/// What every processor can do.
+mod portable {
+    use super::{LANES, Lanes};
+
+    all_slices!();
+
+    fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+        let mut total = [Lanes::default(); S];
+        for (k, columns) in columns.iter().enumerate() {
+            let x: [f32; LANES] = columns.0.map(|column| x[column as usize]);
+            for (total, w) in total.iter_mut().zip(w) {
+                for lane in 0..LANES {
+                    total.0[lane] += w[k].0[lane] * x[lane];
+                }
+            }
+        }
+        total
+    }
+
+    fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+        let mut total = Lanes::default();
+        for (k, columns) in columns.iter().enumerate() {
+            for (s, w) in w.iter().enumerate() {
+                for lane in 0..LANES {
+                    total.0[lane] += w[k].0[lane] * x[columns.0[lane] as usize][s];
+                }
+            }
+        }
+        total
+    }
+
+    pub(super) fn rise<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f64], own: &Lanes<f64>) -> [Lanes<f64>; S] {
+        let mut total = [Lanes::default(); S];
+        for (k, columns) in columns.iter().enumerate() {
+            for lane in 0..LANES {
+                let rise = x[columns.0[lane] as usize] - own.0[lane];
+                for (total, w) in total.iter_mut().zip(w) {
+                    total.0[lane] += f64::from(w[k].0[lane]) * rise;
+                }
+            }
+        }
+        total
+    }
+
+    pub(super) fn strain<const S: usize>(
+        columns: &[Lanes<u32>],
+        w: [&[Lanes<f32>]; S],
+        x: &[[f64; S]],
+        own: &[Lanes<f64>; S],
+    ) -> [[Lanes<f64>; S]; S] {
+        let mut total = [[Lanes::default(); S]; S];
+        for (k, columns) in columns.iter().enumerate() {
+            for lane in 0..LANES {
+                let x = &x[columns.0[lane] as usize];
+                for (i, total) in total.iter_mut().enumerate() {
+                    let rise = x[i] - own[i].0[lane];
+                    for (total, w) in total.iter_mut().zip(w) {
+                        total.0[lane] += f64::from(w[k].0[lane]) * rise;
+                    }
+                }
+            }
+        }
+        total
+    }
+
+    fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+        let mut total = Lanes::default();
+        for (columns, w) in columns.iter().zip(w) {
+            for lane in 0..LANES {
+                total.0[lane] += f64::from(w.0[lane]) * x[columns.0[lane] as usize];
+            }
+        }
+        total
+    }
+}
+
+/// Sixteen lanes in a register.
+#[cfg(target_arch = "x86_64")]
+mod avx512 {
+    use std::arch::x86_64::*;
+
+    use super::{LANES, Lanes};
+
+    all_slices!(#[target_feature(enable = "avx512f")] unsafe);
+
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    fn store(lanes: __m512) -> Lanes<f32> {
+        let mut out = Lanes([0.0; LANES]);
+        // SAFETY: `out` is 64 bytes on a boundary of 64.
+        unsafe { _mm512_store_ps(out.0.as_mut_ptr(), lanes) };
+        out
+    }
+
+    /// # Safety
+    /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+        let mut total = [_mm512_setzero_ps(); S];
+        for (k, columns) in columns.iter().enumerate() {
+            // SAFETY: `Lanes` are 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
+            let gathered = unsafe { _mm512_i32gather_ps::<4>(_mm512_load_si512(columns.0.as_ptr().cast()), x.as_ptr()) };
+            for (total, w) in total.iter_mut().zip(w) {
+                // SAFETY: as above.
+                let w = unsafe { _mm512_load_ps(w[k].0.as_ptr()) };
+                *total = _mm512_add_ps(*total, _mm512_mul_ps(w, gathered));
+            }
+        }
+        total.map(|total| store(total))
+    }
+
+    /// # Safety
+    /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+        let mut total = _mm512_setzero_ps();
+        for (k, columns) in columns.iter().enumerate() {
+            // SAFETY: `Lanes` are 64 bytes on a boundary of 64.
+            let columns = unsafe { _mm512_load_si512(columns.0.as_ptr().cast()) };
+            let first = _mm512_mullo_epi32(columns, _mm512_set1_epi32(S as i32));
+            for (s, w) in w.iter().enumerate() {
+                // SAFETY: as above; number `s < S` of a value within `x`, as the caller promises.
+                let (w, gathered) = unsafe {
+                    let x = x.as_ptr().cast::<f32>().add(s);
+                    (_mm512_load_ps(w[k].0.as_ptr()), _mm512_i32gather_ps::<4>(first, x))
+                };
+                total = _mm512_add_ps(total, _mm512_mul_ps(w, gathered));
+            }
+        }
+        store(total)
+    }
+
+    /// # Safety
+    /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
+    #[target_feature(enable = "avx512f")]
+    pub(super) unsafe fn rise<const S: usize>(
+        columns: &[Lanes<u32>],
+        w: [&[Lanes<f32>]; S],
+        x: &[f64],
+        own: &Lanes<f64>,
+    ) -> [Lanes<f64>; S] {
+        let mut out = [Lanes([0.0; LANES]); S];
+        for half in 0..2 {
+            let mut total = [_mm512_setzero_pd(); S];
+            // SAFETY: half of 128 bytes on a boundary of 64.
+            let own = unsafe { _mm512_load_pd(own.0.as_ptr().add(8 * half)) };
+            for (k, columns) in columns.iter().enumerate() {
+                // SAFETY: halves of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
+                let gathered = unsafe {
+                    let columns = _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast());
+                    _mm512_i32gather_pd::<8>(columns, x.as_ptr())
+                };
+                let rise = _mm512_sub_pd(gathered, own);
+                for (total, w) in total.iter_mut().zip(w) {
+                    // SAFETY: as above.
+                    let w = unsafe { _mm256_load_ps(w[k].0.as_ptr().add(8 * half)) };
+                    *total = _mm512_add_pd(*total, _mm512_mul_pd(_mm512_cvtps_pd(w), rise));
+                }
+            }
+            for (out, total) in out.iter_mut().zip(total) {
+                // SAFETY: half of 128 bytes on a boundary of 64.
+                unsafe { _mm512_store_pd(out.0.as_mut_ptr().add(8 * half), total) };
+            }
+        }
+        out
+    }
+
+    /// # Safety
+    /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
+    #[target_feature(enable = "avx512f,avx2")]
+    pub(super) unsafe fn strain<const S: usize>(
+        columns: &[Lanes<u32>],
+        w: [&[Lanes<f32>]; S],
+        x: &[[f64; S]],
+        own: &[Lanes<f64>; S],
+    ) -> [[Lanes<f64>; S]; S] {
+        let mut out = [[Lanes([0.0; LANES]); S]; S];
+        for half in 0..2 {
+            let mut total = [[_mm512_setzero_pd(); S]; S];
+            let mut mine = [_mm512_setzero_pd(); S];
+            for (mine, own) in mine.iter_mut().zip(own) {
+                // SAFETY: half of 128 bytes on a boundary of 64.
+                *mine = unsafe { _mm512_load_pd(own.0.as_ptr().add(8 * half)) };
+            }
+            for (k, columns) in columns.iter().enumerate() {
+                // SAFETY: half of 64 bytes on a boundary of 64.
+                let columns = unsafe { _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast()) };
+                let first = _mm256_mullo_epi32(columns, _mm256_set1_epi32(S as i32));
+                let mut weights = [_mm512_setzero_pd(); S];
+                for (weight, w) in weights.iter_mut().zip(w) {
+                    // SAFETY: as above.
+                    *weight = _mm512_cvtps_pd(unsafe { _mm256_load_ps(w[k].0.as_ptr().add(8 * half)) });
+                }
+                for i in 0..S {
+                    // SAFETY: number `i < S` of a value within `x`, as the caller promises.
+                    let gathered = unsafe { _mm512_i32gather_pd::<8>(first, x.as_ptr().cast::<f64>().add(i)) };
+                    let rise = _mm512_sub_pd(gathered, mine[i]);
+                    for j in 0..S {
+                        total[i][j] = _mm512_add_pd(total[i][j], _mm512_mul_pd(weights[j], rise));
+                    }
+                }
+            }
+            for i in 0..S {
+                for j in 0..S {
+                    // SAFETY: half of 128 bytes on a boundary of 64.
+                    unsafe { _mm512_store_pd(out[i][j].0.as_mut_ptr().add(8 * half), total[i][j]) };
+                }
+            }
+        }
+        out
+    }
+
+    /// # Safety
+    /// Columns are below `x.len()` and `i32::MAX`.
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+        let mut total = [_mm512_setzero_pd(); 2];
+        for (columns, w) in columns.iter().zip(w) {
+            for half in 0..2 {
+                // SAFETY: halves of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
+                let (w, gathered) = unsafe {
+                    let columns = _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast());
+                    (_mm256_load_ps(w.0.as_ptr().add(8 * half)), _mm512_i32gather_pd::<8>(columns, x.as_ptr()))
+                };
+                total[half] = _mm512_add_pd(total[half], _mm512_mul_pd(_mm512_cvtps_pd(w), gathered));
+            }
+        }
+        let mut out = Lanes([0.0; LANES]);
+        for half in 0..2 {
+            // SAFETY: `out` is 128 bytes on a boundary of 64.
+            unsafe { _mm512_store_pd(out.0.as_mut_ptr().add(8 * half), total[half]) };
+        }
+        out
+    }
+}
+
+/// Eight lanes in a register, twice.
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use std::arch::x86_64::*;
+
+    use super::{LANES, Lanes};
+
+    all_slices!(#[target_feature(enable = "avx2")] unsafe);
+
+    /// # Safety
+    /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+        let mut total = [[_mm256_setzero_ps(); 2]; S];
+        for (k, columns) in columns.iter().enumerate() {
+            for half in 0..2 {
+                // SAFETY: halves of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
+                let gathered = unsafe { _mm256_i32gather_ps::<4>(x.as_ptr(), _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast())) };
+                for (total, w) in total.iter_mut().zip(w) {
+                    // SAFETY: as above.
+                    let w = unsafe { _mm256_load_ps(w[k].0.as_ptr().add(8 * half)) };
+                    total[half] = _mm256_add_ps(total[half], _mm256_mul_ps(w, gathered));
+                }
+            }
+        }
+        total.map(|total| store(total))
+    }
+
+    /// # Safety
+    /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+        let mut total = [_mm256_setzero_ps(); 2];
+        for (k, columns) in columns.iter().enumerate() {
+            for half in 0..2 {
+                // SAFETY: halves of 64 bytes on a boundary of 64.
+                let columns = unsafe { _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast()) };
+                let first = _mm256_mullo_epi32(columns, _mm256_set1_epi32(S as i32));
+                for (s, w) in w.iter().enumerate() {
+                    // SAFETY: as above; number `s < S` of a value within `x`, as the caller promises.
+                    let (w, gathered) = unsafe {
+                        let x = x.as_ptr().cast::<f32>().add(s);
+                        (_mm256_load_ps(w[k].0.as_ptr().add(8 * half)), _mm256_i32gather_ps::<4>(x, first))
+                    };
+                    total[half] = _mm256_add_ps(total[half], _mm256_mul_ps(w, gathered));
+                }
+            }
+        }
+        store(total)
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn store(total: [__m256; 2]) -> Lanes<f32> {
+        let mut out = Lanes([0.0; LANES]);
+        for half in 0..2 {
+            // SAFETY: `out` is 64 bytes on a boundary of 64.
+            unsafe { _mm256_store_ps(out.0.as_mut_ptr().add(8 * half), total[half]) };
+        }
+        out
+    }
+
+    /// # Safety
+    /// Columns are below `x.len()` and `i32::MAX`.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+        let mut total = [_mm256_setzero_pd(); 4];
+        for (columns, w) in columns.iter().zip(w) {
+            for quarter in 0..4 {
+                // SAFETY: quarters of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
+                let (w, gathered) = unsafe {
+                    let columns = _mm_load_si128(columns.0.as_ptr().add(4 * quarter).cast());
+                    (_mm_load_ps(w.0.as_ptr().add(4 * quarter)), _mm256_i32gather_pd::<8>(x.as_ptr(), columns))
+                };
+                total[quarter] = _mm256_add_pd(total[quarter], _mm256_mul_pd(_mm256_cvtps_pd(w), gathered));
+            }
+        }
+        let mut out = Lanes([0.0; LANES]);
+        for quarter in 0..4 {
+            // SAFETY: `out` is 128 bytes on a boundary of 64.
+            unsafe { _mm256_store_pd(out.0.as_mut_ptr().add(4 * quarter), total[quarter]) };
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sixteen rows of different lengths over 100 columns, and two weights of each entry.
+    fn slice() -> (Slices, [Vec<Lanes<f32>>; 2]) {
+        let rows: Vec<Vec<u32>> = (0..LANES as u32).map(|i| (0..5 + i % 4).map(|k| (i * 37 + k * 11) % 100).collect()).collect();
+        let mut slices = Slices::default();
+        let longest = rows.iter().map(Vec::len).max().unwrap();
+        for _ in 0..longest {
+            slices.grow(&Lanes(std::array::from_fn(|lane| lane as u32)));
+        }
+        for (lane, row) in rows.iter().enumerate() {
+            row.iter().enumerate().for_each(|(k, &column)| slices.set(k, lane, column));
+        }
+        slices.close();
+        let weights = [0.1f32, -0.7].map(|scale| {
+            let weight = |k: usize, lane: usize| if k < rows[lane].len() { scale * (1.0 + k as f32) / (2.0 + lane as f32) } else { 0.0 };
+            (0..slices.columns.len()).map(|k| Lanes(std::array::from_fn(|lane| weight(k, lane)))).collect()
+        });
+        (slices, weights)
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_bits_of_the_portable_loop() {
+        let (slices, w) = slice();
+        let w = [w[0].as_slice(), w[1].as_slice()];
+        let x: Vec<f32> = (0..100).map(|i| (i as f32 * 0.37).sin()).collect();
+        let pairs: Vec<[f32; 2]> = (0..100).map(|i| [(i as f32 * 0.61).cos(), 0.1 * i as f32]).collect();
+        let wide: Vec<f64> = x.iter().map(|&x| f64::from(x) / 3.0).collect();
+        let columns = slices.columns();
+        type Run<'a> = &'a dyn Fn(&mut [f32; LANES], &mut [f32; LANES], &mut [f32; LANES], &mut [f64; LANES]);
+        let results = |run: Run| {
+            let (mut a, mut b, mut c, mut d) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+            run(&mut a, &mut b, &mut c, &mut d);
+            (a, b, c, d)
+        };
+        let expected = results(&|a, b, c, d| {
+            portable::spread_all(&slices, w, &x, [a, b]);
+            portable::join_all(&slices, w, &pairs, c);
+            portable::sum_all(&slices, w[0], &wide, d);
+        });
+        let best = results(&|a, b, c, d| {
+            slices.spread(w, &x, [a, b]);
+            slices.join(w, &pairs, c);
+            slices.sum(w[0], &wide, d);
+        });
+        assert_eq!(best, expected);
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            let found = results(&|a, b, c, d| {
+                // SAFETY: the processor has AVX2, and columns are below 100.
+                unsafe {
+                    avx2::spread_all(&slices, w, &x, [a, b]);
+                    avx2::join_all(&slices, w, &pairs, c);
+                    avx2::sum_all(&slices, w[0], &wide, d);
+                }
+            });
+            assert_eq!(found, expected);
+        }
+        let own = [Lanes([0.25; LANES]), Lanes(std::array::from_fn(|lane| lane as f64))];
+        let wide_pairs: Vec<[f64; 2]> = pairs.iter().map(|pair| pair.map(f64::from)).collect();
+        assert_eq!(slices.rise(0, w, &wide, &own[1]), portable::rise(columns, w, &wide, &own[1]));
+        assert_eq!(slices.strain(0, w, &wide_pairs, &own), portable::strain(columns, w, &wide_pairs, &own));
+        let sum: f32 = (0..slices.columns.len()).map(|k| w[0][k].0[3] * x[columns[k].0[3] as usize]).sum();
+        assert_eq!(expected.0[3], sum);
+    }
+
+    #[test]
+    #[should_panic(expected = "columns up to")]
+    fn columns_beyond_the_values_are_refused() {
+        let (slices, w) = slice();
+        slices.spread([&w[0]], &[0.0; 50], [&mut [0.0; LANES]]);
+    }
+}

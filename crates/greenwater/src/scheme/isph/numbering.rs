@@ -1,0 +1,60 @@
+//! The unknowns: fluid particles, numbered by cell.
+
+use rayon::prelude::*;
+
+use crate::particles::Particles;
+
+/// No unknown.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// Fluid rows in the order of the cells of a grid, so that what lies together is stored together wherever the flow has taken it.
+///
+/// Depends on the positions of one moment only; kept until the solver takes new numbers.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Numbering {
+    /// Row of each unknown.
+    pub(super) rows: Vec<u32>,
+    /// Unknown of each row, or [`NONE`].
+    pub(super) places: Vec<u32>,
+    keys: Vec<(u64, u32)>,
+}
+
+impl Numbering {
+    pub(super) fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Row of unknown `k`.
+    #[inline(always)]
+    pub(super) fn row(&self, k: usize) -> usize {
+        self.rows[k] as usize
+    }
+
+    /// Unknown of row `a`, if it is one.
+    #[inline(always)]
+    pub(super) fn place(&self, a: usize) -> Option<usize> {
+        let place = self.places[a];
+        (place != NONE).then_some(place as usize)
+    }
+
+    /// Numbers the fluid anew, by cells of edge `reach`, m.
+    pub(super) fn renew<const D: usize>(&mut self, p: &Particles<D>, reach: f64) {
+        let owned = p.owned();
+        let low: [f64; D] = std::array::from_fn(|d| p.x[..owned].iter().map(|x| x[d]).fold(f64::INFINITY, f64::min));
+        // Cells of an axis share 64 bits among the axes; clouds wider than that end in the last one.
+        let most = f64::from((1u32 << (63 / D as u32).min(31)) - 1);
+        self.keys.clear();
+        self.keys.extend((0..owned).filter(|&a| p.is_fluid(a)).map(|a| {
+            let cell = |d: usize| ((p.x[a][d] - low[d]) / reach).min(most) as u64;
+            ((0..D).fold(0, |key, d| (key << (63 / D)) | cell(d)), a as u32)
+        }));
+        self.keys.par_sort_unstable();
+        self.rows.clear();
+        self.rows.extend(self.keys.iter().map(|&(_, row)| row));
+        self.places.clear();
+        self.places.resize(owned, NONE);
+        for (place, &row) in self.rows.iter().enumerate() {
+            self.places[row as usize] = place as u32;
+        }
+    }
+}
