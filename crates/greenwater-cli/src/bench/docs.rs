@@ -119,7 +119,7 @@ fn page(rows: &[Row]) -> String {
     if rows.iter().any(|row| row.record.bench == "impact") {
         page.push('\n');
         for (name, title) in impact::FIGURES {
-            let _ = writeln!(page, "![{title} sqrt(H/g): error against time](figures/{name}.svg)\n");
+            let _ = writeln!(page, "![{title}: error against time](figures/{name}.svg)\n");
         }
         let _ = writeln!(
             page,
