@@ -252,8 +252,10 @@ fn foam_record(foam: &Foam, references: &[[f64; 4]; 2]) -> Record {
 }
 
 /// Names of the figures.
-pub const FIGURES: [(&str, &str); 2] =
-    [("error-time-impulse", "Impulse on the wall from 2.3 to 3.4 sqrt(H/g)"), ("error-time-plateau", "Pressure on the wall from 3.5 to 4.3 sqrt(H/g)")];
+pub const FIGURES: [(&str, &str); 2] = [
+    ("error-time-impulse", "Impulse on the wall from 2.3 to 3.4 sqrt(H/g)"),
+    ("error-time-plateau", "Pressure on the wall from 3.5 to 4.3 sqrt(H/g)"),
+];
 
 /// Draws error against time for the impulse and the plateau into `folder`, from the rows of one number of threads.
 pub fn write_figures(rows: &[&Record], folder: &Path) -> Result<(), BenchError> {
