@@ -122,7 +122,8 @@ fn time<const D: usize>(
         timed.iterations.extend(report.iterations.map(|n| n as f64));
         timed.listed = report.listed_pairs;
         let enough = timed.steps.len() >= plan.repeats && watch.lap().wall >= plan.seconds;
-        if if flow.second { simulation.time() >= 1.0 } else { enough } {
+        let done = if flow.second { simulation.time() >= 1.0 } else { enough };
+        if done {
             break;
         }
     }
