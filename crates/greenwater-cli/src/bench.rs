@@ -1,31 +1,37 @@
 //! `greenwater bench`: measures this program on this machine.
 //!
-//! [`search`], [`solvers`], [`methods`] and [`flows`] measure and know nothing of each other; [`claims`] turns their numbers into
-//! verdicts, [`page`] shows them beside those of the paper ([`printed`]), [`record`] is their JSON.
+//! [`step`], [`lists`] and [`equations`] measure fixed workloads, each beside the plain loop of [`naive`] and the [`ceilings`] of the
+//! machine; [`impact`] sets error against time. All of them give [`record`]s, which [`history`] keeps and [`docs`] shows. [`paper`]
+//! rebuilds the measurements of the paper.
 
-mod claims;
+mod ceilings;
+mod docs;
+mod equations;
 mod error;
-mod flows;
-mod methods;
-mod page;
-mod plan;
-mod printed;
+mod history;
+mod impact;
+mod lists;
+pub mod memory;
+mod naive;
+mod paper;
 mod record;
-mod search;
-mod solvers;
-mod summary;
+mod session;
+mod step;
+mod watch;
+mod workloads;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, Subcommand};
-use greenwater::case::{AnySetup, Case, Setup, shipped_cases};
-use greenwater::scheme::{MethodName, Preset};
 
 pub use error::BenchError;
-use plan::Plan;
 use record::{Document, Record};
+use session::Session;
+
+use crate::console;
+use crate::error::CliError;
 
 /// Measures this program on this machine.
 #[derive(Clone, Debug, Args)]
@@ -36,21 +42,23 @@ pub struct BenchArgs {
 
 #[derive(Clone, Debug, Subcommand)]
 enum What {
-    /// Neighbour search: direct and grid, time against the number of particles
-    Neighbors(Common),
-    /// Pressure equations of the dam break: Gauss, preconditioned GMRES and the default solver, over sizes and threads
-    Poisson(Common),
-    /// A step of each method at the five sizes of the paper
-    Step(Common),
+    /// Neighbour lists of disordered particles, 23 neighbours in 2D and 160 in 3D, beside the plain search
+    Neighbors(MeasureArgs),
+    /// Pressure equations of disordered particles, 1k to 1M unknowns: Jacobi-CG, IC(0)-CG and multigrid-CG, set-up included
+    Poisson(MeasureArgs),
+    /// Steps of delta-sph and isph in dam breaks, 1.4k to 1M particles, beside the plain pair loop
+    Step(MeasureArgs),
+    /// Error against wall time: a dam break on a wall by isph and delta-sph at several resolutions
+    Impact(impact::ImpactArgs),
     /// Every figure and table of sections 11-13 of the paper, and a verdict on each of its claims
-    Paper(PaperArgs),
+    Paper(paper::PaperArgs),
+    /// Writes the page of the docs from a history, and measures nothing
+    Page(PageArgs),
 }
 
-#[derive(Clone, Debug, Args)]
-struct Common {
-    /// Smaller sizes and fewer repetitions
-    #[arg(long)]
-    quick: bool,
+/// Where results go.
+#[derive(Clone, Debug, Default, Args)]
+struct Files {
     /// Writes the results to FILE as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -59,103 +67,215 @@ struct Common {
     force: bool,
 }
 
+impl Files {
+    /// Whether the JSON file may be written.
+    fn check(&self) -> Result<(), BenchError> {
+        self.json.as_deref().map_or(Ok(()), |path| self.check_free(path))
+    }
+
+    fn check_free(&self, path: &Path) -> Result<(), BenchError> {
+        let in_the_way = match fs::read_dir(path) {
+            Ok(mut entries) => entries.next().is_some(),
+            Err(_) => path.exists(),
+        };
+        if in_the_way && !self.force { Err(BenchError::Exists { path: path.to_owned() }) } else { Ok(()) }
+    }
+
+    fn write_json(&self, text: &str) -> Result<(), BenchError> {
+        self.json.as_ref().map_or(Ok(()), |path| write(path, text))
+    }
+}
+
+/// Where results are kept.
+#[derive(Clone, Debug, Default, Args)]
+struct Keep {
+    /// Adds a line with the results, machine and commit to FILE
+    #[arg(long, value_name = "FILE")]
+    history: Option<PathBuf>,
+    /// Writes the page of the docs to FILE, from the history if there is one
+    #[arg(long, value_name = "FILE")]
+    docs: Option<PathBuf>,
+}
+
+impl Keep {
+    /// Whether the history can be read and the page be written.
+    fn check(&self, files: &Files) -> Result<(), BenchError> {
+        if let Some(path) = &self.history {
+            history::read(path)?;
+        }
+        self.docs.as_deref().map_or(Ok(()), |path| files.check_free(path))
+    }
+
+    fn keep(&self, document: &Document) -> Result<(), BenchError> {
+        let documents = match &self.history {
+            Some(path) => {
+                history::append(path, document)?;
+                history::read(path)?
+            }
+            None => vec![document.clone()],
+        };
+        self.docs.as_ref().map_or(Ok(()), |path| docs::write(&documents, path))
+    }
+}
+
 #[derive(Clone, Debug, Args)]
-struct PaperArgs {
+struct PageArgs {
+    /// The history to show
+    #[arg(long, value_name = "FILE")]
+    history: PathBuf,
+    /// The page
+    #[arg(long, value_name = "FILE")]
+    docs: PathBuf,
+    /// Writes over what is already there
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Debug, Args)]
+struct MeasureArgs {
+    /// The smallest workloads only, with fewer repetitions
+    #[arg(long)]
+    quick: bool,
+    /// Only the workloads whose names contain NAME; may be repeated
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+    /// List the workloads, and measure nothing
+    #[arg(long)]
+    list: bool,
+    /// Numbers of threads, with commas between; left out: one, and all cores
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    threads: Vec<usize>,
+    /// Least number of timed repetitions, 1 to 1000; left out: 5, or 3 with --quick
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeats: Option<u32>,
     #[command(flatten)]
-    common: Common,
-    /// Folder for the page, its figures and bench.json
-    #[arg(long, value_name = "DIR", default_value = "runs/bench-paper")]
-    out: PathBuf,
+    keep: Keep,
+    #[command(flatten)]
+    files: Files,
+}
+
+/// How much is measured.
+#[derive(Clone, Debug, PartialEq)]
+struct Plan {
+    quick: bool,
+    /// Rising, without doubles.
+    threads: Vec<usize>,
+    /// Least number of timed repetitions.
+    repeats: usize,
+    /// Repetitions go on for so long, s.
+    seconds: f64,
+}
+
+impl MeasureArgs {
+    fn plan(&self) -> Result<Plan, CliError> {
+        let quick = self.quick;
+        let (repeats, seconds) = if quick { (3, 0.05) } else { (5, 0.5) };
+        let threads = threads(&self.threads)?;
+        Ok(Plan { quick, threads, repeats: self.repeats.map_or(repeats, |n| n as usize), seconds })
+    }
+}
+
+/// The numbers of threads asked for, rising; without any: one, and all cores.
+fn threads(asked: &[usize]) -> Result<Vec<usize>, CliError> {
+    if let Some(&given) = asked.iter().find(|n| !(1..=1024).contains(*n)) {
+        return Err(CliError::Threads { given });
+    }
+    let mut threads = match asked {
+        [] => vec![1, std::thread::available_parallelism().map_or(1, usize::from)],
+        asked => asked.to_vec(),
+    };
+    threads.sort_unstable();
+    threads.dedup();
+    Ok(threads)
 }
 
 /// Runs `greenwater bench`: progress on standard error, the summary on standard output.
 ///
 /// # Errors
 /// Something is in the way and `--force` was not given, a file could not be written, or something could not be measured.
-/// A flow that ends early is a result, not an error.
-pub fn run(args: &BenchArgs) -> Result<(), BenchError> {
-    let (What::Neighbors(common) | What::Poisson(common) | What::Step(common) | What::Paper(PaperArgs { common, .. })) = &args.what;
-    let plan = if common.quick { Plan::quick() } else { Plan::full() };
-    if let Some(path) = &common.json {
-        check_free(path, common)?;
-    }
-    let clock = Clock(Instant::now());
-    let mut records = Vec::new();
+pub fn run(args: &BenchArgs) -> Result<(), CliError> {
     match &args.what {
-        What::Neighbors(_) => {
-            let results = search::measure(&plan, &clock)?;
-            print!("{}", summary::text(&page::search_tables(&results)));
-            records.extend(results.records());
+        What::Neighbors(args) => {
+            let names = lists::WORKLOADS.iter().map(|w| (w.name, w.quick));
+            measure(args, names, |chosen, plan, session, clock| {
+                lists::measure(lists::WORKLOADS.iter().filter(|w| chosen(w.name)), plan, session, clock)
+            })
         }
-        What::Poisson(_) => {
-            let results = solvers::measure(&plan, &clock)?;
-            print!("{}", summary::text(&page::solver_tables(&results)));
-            records.extend(results.records());
+        What::Poisson(args) => {
+            let names = equations::WORKLOADS.iter().map(|w| (w.name, w.quick));
+            measure(args, names, |chosen, plan, session, clock| {
+                equations::measure(equations::WORKLOADS.iter().filter(|w| chosen(w.name)), plan, session, clock)
+            })
         }
-        What::Step(_) => {
-            let results = methods::measure(&plan, &clock)?;
-            print!("{}", summary::text(&page::method_tables(&results)));
-            records.extend(results.records());
+        What::Step(args) => {
+            let names = workloads::FLOWS.iter().map(|w| (w.name, w.quick));
+            measure(args, names, |chosen, plan, session, clock| {
+                step::measure(workloads::FLOWS.iter().filter(|w| chosen(w.name)), plan, session, clock)
+            })
         }
-        What::Paper(paper) => {
-            check_free(&paper.out, common)?;
-            let measured = Measured::of(&plan, &clock)?;
-            let document = measured.document();
-            page::write(&measured, &paper.out)?;
-            write(&paper.out.join("bench.json"), &document)?;
-            print!("{}", summary::paper(&measured, &paper.out));
-            return common.json.as_ref().map_or(Ok(()), |path| write(path, &document));
+        What::Impact(args) => impact::run(args),
+        What::Paper(args) => paper::run(args),
+        What::Page(args) => {
+            let documents = history::read(&args.history)?;
+            if documents.is_empty() {
+                return Err(BenchError::NoHistory { path: args.history.clone() }.into());
+            }
+            Files { json: None, force: args.force }.check_free(&args.docs)?;
+            Ok(docs::write(&documents, &args.docs)?)
         }
     }
-    let document = Document::new(records, serde_json::Map::new()).text();
-    common.json.as_ref().map_or(Ok(()), |path| write(path, &document))
 }
 
-/// Everything that `bench paper` measures.
-struct Measured {
-    search: search::Results,
-    solvers: solvers::Results,
-    methods: methods::Results,
-    flows: flows::Results,
-    claims: Vec<claims::Claim>,
-    /// How long it all took, s.
-    seconds: f64,
-    threads: usize,
+/// What all fixed workloads share: which are chosen, the machine, the table, the files.
+fn measure(
+    args: &MeasureArgs,
+    names: impl Iterator<Item = (&'static str, bool)>,
+    work: impl FnOnce(&dyn Fn(&str) -> bool, &Plan, &Session, &Clock) -> Result<Vec<Record>, BenchError>,
+) -> Result<(), CliError> {
+    let names: Vec<(&str, bool)> = names.collect();
+    if args.list {
+        let line = |(name, quick): &(&str, bool)| if *quick { format!("{name} (quick)") } else { (*name).to_owned() };
+        return console::print(&names.iter().map(line).collect::<Vec<_>>().join("\n"));
+    }
+    if let Some(given) = args.only.iter().find(|only| !names.iter().any(|(name, _)| name.contains(only.as_str()))) {
+        let known = names.iter().map(|(name, _)| *name).collect();
+        return Err(BenchError::NoWorkload { given: given.clone(), known }.into());
+    }
+    let plan = args.plan()?;
+    args.files.check()?;
+    args.keep.check(&args.files)?;
+    let chosen = |name: &str| {
+        let quick = names.iter().any(|(known, quick)| *known == name && *quick);
+        if args.only.is_empty() { quick || !plan.quick } else { args.only.iter().any(|only| name.contains(only.as_str())) }
+    };
+    let clock = Clock::start();
+    let session = Session::here(&plan, &clock)?;
+    let records = work(&chosen, &plan, &session, &clock)?;
+    finish(records, &session, &args.keep, &args.files)
 }
 
-impl Measured {
-    fn of(plan: &Plan, clock: &Clock) -> Result<Self, BenchError> {
-        let search = search::measure(plan, clock)?;
-        let solvers = solvers::measure(plan, clock)?;
-        let methods = methods::measure(plan, clock)?;
-        let flows = flows::measure(plan, clock)?;
-        let claims = claims::all(&search, &solvers, &methods, &flows);
-        Ok(Self { search, solvers, methods, flows, claims, seconds: clock.seconds(), threads: plan.most_threads() })
-    }
-
-    fn document(&self) -> String {
-        let mut records: Vec<Record> = self.search.records();
-        records.extend(self.solvers.records());
-        records.extend(self.methods.records());
-        records.extend(self.flows.records());
-        let mut extra = serde_json::Map::new();
-        extra.insert("fits".into(), self.search.fits_json());
-        extra.insert("claims".into(), serde_json::json!(self.claims));
-        extra.insert("seconds".into(), self.seconds.into());
-        Document::new(records, extra).text()
-    }
+/// Prints, writes and keeps the records of a session.
+fn finish(records: Vec<Record>, session: &Session, keep: &Keep, files: &Files) -> Result<(), CliError> {
+    let document = Document::new(records, session.extra());
+    console::print(&docs::text(&document))?;
+    files.write_json(&document.text())?;
+    Ok(keep.keep(&document)?)
 }
 
 /// Tells on standard error how far things are.
 struct Clock(Instant);
 
 impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
     fn seconds(&self) -> f64 {
         self.0.elapsed().as_secs_f64()
     }
 
     fn say(&self, what: &str) {
-        eprintln!("[{:6.1} s] {what}", self.seconds());
+        console::note(&format!("[{:6.1} s] {what}", self.seconds()));
     }
 }
 
@@ -163,44 +283,6 @@ impl Clock {
 fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, BenchError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     Ok(pool.install(work))
-}
-
-/// The paper's dam break with a column `columns` particles wide, run by `method`.
-fn dam_break(columns: u32, method: MethodName, preset: Option<Preset>, overrides: &[(&str, &str)]) -> Result<Setup<2>, BenchError> {
-    let shipped = format!("dam-break-{columns}");
-    let mut keys: Vec<(String, String)> = overrides.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect();
-    let case = if shipped_cases().iter().any(|case| case.name == shipped) {
-        Case::load(&shipped, &keys)?
-    } else {
-        // The geometry of the shipped cases at another spacing: a tank 4 L - dx wide and 3 L - dx high.
-        let dx = COLUMN_WIDTH / f64::from(columns);
-        let (width, height) = (4.0 * COLUMN_WIDTH - dx, 3.0 * COLUMN_WIDTH - dx);
-        keys.push(("fluid.spacing".into(), format!("{dx:?}")));
-        keys.push((
-            "walls.shapes".into(),
-            format!("[{{ tank = {{ min = [0.0, 0.0], max = [{width:?}, {height:?}], open = [\"top\"] }} }}]"),
-        ));
-        Case::load("dam-break", &keys)?
-    };
-    planar(&case.for_method(method, preset))
-}
-
-/// Width `L` of the paper's column, m.
-const COLUMN_WIDTH: f64 = 0.75;
-
-fn planar(case: &Case) -> Result<Setup<2>, BenchError> {
-    match case.checked()? {
-        AnySetup::D2(setup) => Ok(setup),
-        AnySetup::D3(_) => Err(BenchError::NotPlanar { case: case.name.clone() }),
-    }
-}
-
-fn check_free(path: &Path, common: &Common) -> Result<(), BenchError> {
-    let in_the_way = match fs::read_dir(path) {
-        Ok(mut entries) => entries.next().is_some(),
-        Err(_) => path.exists(),
-    };
-    if in_the_way && !common.force { Err(BenchError::Exists { path: path.to_owned() }) } else { Ok(()) }
 }
 
 /// Writes a file under a temporary name and renames it; makes its folder.
@@ -218,66 +300,23 @@ fn write(path: &Path, contents: impl AsRef<[u8]>) -> Result<(), BenchError> {
 mod tests {
     use super::*;
 
-    fn common(force: bool) -> Common {
-        Common { quick: true, json: None, force }
-    }
-
-    /// Handbook counts of the paper: 2 m^2 + 30 m + 9, for its five sizes and for those in between.
-    #[test]
-    fn the_dam_break_has_the_particle_counts_of_the_paper_at_any_size() {
-        for m in [5, 7, 20, 41] {
-            let setup = dam_break(m, MethodName::IsphPaper, None, &[]).expect("the case is sound");
-            assert_eq!(setup.particles.owned() as u32, 2 * m * m + 30 * m + 9, "m = {m}");
-        }
-    }
-
     #[test]
     fn nothing_is_written_over_without_force() {
         let folder = tempfile::tempdir().expect("a folder");
-        check_free(folder.path(), &common(false)).expect("an empty folder is free");
+        let files = |force| Files { json: None, force };
+        files(false).check_free(folder.path()).expect("an empty folder is free");
         let file = folder.path().join("bench.json");
         write(&file, "{}").expect("writable");
         for path in [folder.path(), &file] {
-            assert!(matches!(check_free(path, &common(false)), Err(BenchError::Exists { .. })));
-            check_free(path, &common(true)).expect("force");
+            assert!(matches!(files(false).check_free(path), Err(BenchError::Exists { .. })));
+            files(true).check_free(path).expect("force");
         }
     }
 
-    /// The smallest sizes that leave every number defined, from measuring to the files on disk.
     #[test]
-    fn a_small_run_measures_everything_and_leaves_page_figures_and_json() {
-        let clock = Clock(Instant::now());
-        let measured = Measured::of(&Plan::tiny(), &clock).expect("measured");
-        let folder = tempfile::tempdir().expect("a folder");
-        page::write(&measured, folder.path()).expect("written");
-        let html = fs::read_to_string(folder.path().join("index.html")).expect("page");
-        for section in ["Claims", "Fig. 2", "Figs. 3", "Figs. 6", "Table 2", "Table 3"] {
-            assert!(html.contains(section), "{section} is missing");
-        }
-        for figure in ["fig-2-kernel", "fig-3-search-direct", "fig-6-gauss", "fig-8-speed-up", "table-3-cost", "fronts"] {
-            for extension in ["svg", "png"] {
-                assert!(folder.path().join(format!("figures/{figure}.{extension}")).is_file(), "{figure}.{extension}");
-            }
-        }
-        let json: serde_json::Value = serde_json::from_str(&measured.document()).expect("JSON");
-        assert_eq!(json["format"], 1);
-        let results = json["results"].as_array().expect("results");
-        for bench in ["neighbors", "poisson", "step", "flow"] {
-            assert!(results.iter().any(|row| row["bench"] == bench), "no row of {bench}");
-        }
-        for row in results {
-            for key in ["workload", "method"] {
-                assert!(row[key].is_string(), "{key} in {row}");
-            }
-            for key in ["dimension", "particles", "threads"] {
-                assert!(row[key].as_u64().is_some_and(|n| n > 0), "{key} in {row}");
-            }
-            let seconds = ["min", "median", "max"].map(|key| row["seconds"][key].as_f64().expect("a number"));
-            assert!(seconds[0] > 0.0 && seconds.is_sorted(), "{row}");
-            assert!(row.as_object().expect("object").values().all(|value| !value.is_null()), "null in {row}");
-        }
-        assert_eq!(json["claims"].as_array().map(Vec::len), Some(measured.claims.len()));
-        let text = summary::paper(&measured, folder.path());
-        assert!(measured.claims.iter().all(|claim| text.contains(claim.claim)), "{text}");
+    fn threads_rise_and_stand_once() {
+        assert_eq!(threads(&[4, 1, 4]).expect("sound"), [1, 4]);
+        assert_eq!(threads(&[]).expect("sound")[0], 1);
+        assert!(threads(&[0]).is_err() && threads(&[5000]).is_err());
     }
 }

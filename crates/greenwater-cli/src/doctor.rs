@@ -1,6 +1,7 @@
 //! `greenwater doctor`.
 
 use clap::Args;
+use greenwater::lanes::InstructionSet;
 use greenwater::machine::{Machine, memory};
 use serde_json::json;
 
@@ -25,11 +26,12 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), CliError> {
         (name, path, outcome)
     });
     let threads = rayon::current_num_threads();
+    let instructions = InstructionSet::of_this_machine().name();
     if args.json {
         let folders: Vec<_> = writable.iter().map(|(name, path, o)| json!({"name": name, "path": path, "writable": o.is_ok()})).collect();
         return console::print_json(&json!({
             "format": 1, "version": env!("CARGO_PKG_VERSION"), "build": build, "machine": machine, "memory_bytes": memory(),
-            "threads": threads, "folders": folders,
+            "threads": threads, "instructions": instructions, "folders": folders,
         }));
     }
     let mut lines = vec![
@@ -38,6 +40,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), CliError> {
         format!("cpu:     {}, {} cores for this process", machine.cpu, machine.cores),
         format!("memory:  {} (a case may use three quarters unless it says limits.memory_gib)", console::bytes(memory())),
         format!("threads: {threads} unless --threads says otherwise"),
+        format!("pair loops with {instructions} instructions"),
     ];
     for (name, path, outcome) in &writable {
         let state = outcome.as_ref().map_or_else(|error| format!("cannot be written: {error}"), |()| "writable".to_owned());

@@ -96,6 +96,12 @@ pub enum CliError {
     Print(#[from] io::Error),
 }
 
+impl From<crate::bench::BenchError> for CliError {
+    fn from(error: crate::bench::BenchError) -> Self {
+        Self::Bench(Box::new(error))
+    }
+}
+
 impl CliError {
     /// Exit code of the program.
     pub fn exit_code(&self) -> u8 {

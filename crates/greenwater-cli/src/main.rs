@@ -42,7 +42,7 @@ enum Command {
     Compare(run::CompareArgs),
     /// Run the shipped validation cases against their references and bands
     Validate(validate::ValidateArgs),
-    /// Measure this program on this machine: neighbour search, pressure solvers, steps, and the whole paper
+    /// Measure this program on this machine: neighbour search, pressure solvers, steps, error against time, and the whole paper
     Bench(bench::BenchArgs),
     /// Rebuild the report of run folders from what they hold
     Report(report::ReportArgs),
@@ -66,7 +66,7 @@ fn main() -> std::process::ExitCode {
         Command::Run(args) => run::run(args),
         Command::Compare(args) => run::compare(args),
         Command::Validate(args) => validate::validate(args),
-        Command::Bench(args) => bench::run(args).map_err(|error| Box::new(error).into()),
+        Command::Bench(args) => bench::run(args),
         Command::Report(args) => report::report(args),
         Command::Export(args) => export::export(args),
         Command::Cases(args) => lists::cases(args),

@@ -4,10 +4,10 @@
 //! the page of the docs. A case is data; no method is treated on its own.
 
 mod error;
-mod measure;
+pub mod measure;
 mod page;
 mod record;
-mod suite;
+pub mod suite;
 
 use std::collections::BTreeMap;
 use std::fs;

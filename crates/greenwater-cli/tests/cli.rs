@@ -113,7 +113,7 @@ fn rows(table: &str) -> Vec<Vec<&str>> {
 fn the_help_lists_every_verb_and_nothing_that_does_not_work() {
     let place = Place::new();
     let help = place.ok("--help");
-    for verb in ["new", "check", "run", "compare", "validate", "report", "export", "cases", "methods", "kernels", "doctor"] {
+    for verb in ["new", "check", "run", "compare", "validate", "bench", "report", "export", "cases", "methods", "kernels", "doctor"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(verb)), "{verb} is missing in\n{help}");
         assert!(place.ok(&format!("{verb} --help")).contains("Usage:"));
     }
@@ -435,4 +435,125 @@ fn validate_measures_a_case_and_tells_a_miss_by_its_exit_code() {
     assert!(code == 2 && error.contains("exists already"), "{error}");
     place.put("wrong.json", "{}");
     assert_eq!(place.fails("validate --from wrong.json").0, 2);
+}
+
+/// The rows of a bench file, each with what every row must have.
+fn bench_rows(text: &str) -> Vec<Value> {
+    let file = json(text);
+    assert_eq!(file["format"], 1);
+    for key in ["commit", "date", "machine", "ceilings"] {
+        assert!(!file[key].is_null(), "{key} is missing");
+    }
+    for ceiling in file["ceilings"].as_array().unwrap() {
+        assert!(ceiling["bytes_per_s"].as_f64().unwrap() > 1e8 && ceiling["flops"].as_f64().unwrap() > 1e8, "{ceiling}");
+    }
+    let rows = file["results"].as_array().unwrap().clone();
+    for row in &rows {
+        let seconds = ["min", "median", "max"].map(|key| row["seconds"][key].as_f64().unwrap());
+        assert!(seconds[0] > 0.0 && seconds.is_sorted(), "{row}");
+        assert!(row["workload"].is_string() && row["method"].is_string() && row["threads"].as_u64().unwrap() > 0, "{row}");
+    }
+    rows
+}
+
+fn positive(row: &Value, key: &str) -> f64 {
+    let value = row[key].as_f64().unwrap_or_else(|| panic!("{key} in {row}"));
+    assert!(value > 0.0, "{key} in {row}");
+    value
+}
+
+#[test]
+fn bench_measures_a_step_with_threads_pairs_memory_and_the_plain_loop() {
+    let place = Place::new();
+    let table = place.ok("bench step --quick --only 2d-10k --only isph-1k4 --threads 1,2 --repeats 1 --json step.json --history h.jsonl");
+    assert!(table.contains("dam-break-2d-10k") && table.contains("M particle-steps/s"), "{table}");
+    let rows = bench_rows(&place.read("step.json"));
+    assert_eq!(rows.len(), 4);
+    for row in &rows {
+        assert_eq!(row["bench"], "step");
+        let allowed = positive(row, "particle_steps_per_s") > 0.0 && positive(row, "bytes_per_particle") > 50.0;
+        assert!(allowed && row["phases"].as_object().unwrap().len() > 2, "{row}");
+        assert_eq!(row["speed_up"].is_number(), row["threads"] == 2, "{row}");
+    }
+    let delta: Vec<&Value> = rows.iter().filter(|row| row["method"] == "delta-sph").collect();
+    for row in &delta {
+        for key in ["pair_evaluations_per_s", "ratio_to_naive", "step_ratio_to_naive", "multiply_add_share", "bandwidth_share"] {
+            positive(row, key);
+        }
+        // A step of the flow holds several sound steps; the list holds more than the support of the kernel.
+        assert!(positive(row, "evaluations") > positive(row, "steps"), "{row}");
+        assert!(positive(row, "listed_pairs") >= positive(row, "pairs"), "{row}");
+        assert!((20.0..25.0).contains(&positive(row, "neighbours")), "{row}");
+    }
+    assert!(rows.iter().any(|row| row["method"] == "isph" && row["iterations"].as_f64().unwrap() > 0.0));
+    assert_eq!(place.read("h.jsonl").lines().count(), 1);
+}
+
+#[test]
+fn bench_measures_lists_and_equations_and_makes_its_page_from_the_history() {
+    let place = Place::new();
+    place.ok("bench neighbors --quick --only 3d-5k --threads 1 --repeats 1 --json neighbors.json --history h.jsonl");
+    let rows = bench_rows(&place.read("neighbors.json"));
+    assert_eq!((rows.len(), &rows[0]["particles"]), (1, &Value::from(17 * 17 * 17)));
+    for key in ["pair_evaluations_per_s", "bytes_per_particle", "ratio_to_naive", "bandwidth_share"] {
+        positive(&rows[0], key);
+    }
+
+    place.ok("bench poisson --quick --only 2d-1k --threads 1 --repeats 1 --json poisson.json --history h.jsonl");
+    let rows = bench_rows(&place.read("poisson.json"));
+    let iterations = |method: &str| rows.iter().find(|row| row["method"] == method).map(|row| positive(row, "iterations")).unwrap();
+    assert!(iterations("multigrid-cg") < iterations("ic0-cg") && iterations("ic0-cg") < iterations("jacobi-cg"), "{rows:?}");
+    assert!(rows.iter().all(|row| row["phases"]["setup"].is_number() && positive(row, "ratio_to_naive") > 0.0));
+
+    place.ok("bench page --history h.jsonl --docs speed.md");
+    let page = place.read("speed.md");
+    for part in ["# Speed", "cloud-3d-5k", "column-2d-1k", "## Ceilings", "## Goals", "commit "] {
+        assert!(page.contains(part), "{part} is missing in\n{page}");
+    }
+    let (code, error) = place.fails("bench page --history h.jsonl --docs speed.md");
+    assert!(code == 2 && error.contains("--force"), "{error}");
+}
+
+#[test]
+fn bench_sets_error_against_time_and_draws_it() {
+    let place = Place::new();
+    place.ok("bench impact --sizes 10 --json impact.json --out figures --history h.jsonl --docs docs/speed.md");
+    let rows = bench_rows(&place.read("impact.json"));
+    for method in ["isph", "delta-sph"] {
+        let row = rows.iter().find(|row| row["method"] == method).unwrap();
+        assert_eq!(row["impulse"].as_array().unwrap().len(), 4, "{row}");
+        // One or two particles across the jet: an error of a few times the pressure itself.
+        assert!(positive(row, "impulse_error") < 5.0 && positive(row, "plateau_error") < 5.0, "{row}");
+    }
+    let foam: Vec<&Value> = rows.iter().filter(|row| row["method"] == "interFoam").collect();
+    assert!(foam.len() == 3 && foam.iter().all(|row| row["origin"].as_str().unwrap().contains("OpenFOAM")));
+    for folder in ["figures", "docs/figures"] {
+        for figure in ["error-time-impulse", "error-time-plateau"] {
+            assert!(place.read(&format!("{folder}/{figure}.svg")).contains("interFoam"));
+            assert!(place.path(&format!("{folder}/{figure}.png")).is_file());
+        }
+    }
+    assert!(place.read("docs/speed.md").contains("figures/error-time-impulse.svg"));
+}
+
+#[test]
+fn bench_names_what_it_cannot_do() {
+    let place = Place::new();
+    place.put("broken.jsonl", "{\"format\": 1}\n");
+    place.put("there.json", "{}");
+    for (command, code, parts) in [
+        ("bench step --only dam-brake", 2, vec!["--only is dam-brake", "dam-break-2d-10k"]),
+        ("bench neighbors --quick --threads 0", 2, vec!["--threads is 0", "1 to 1024"]),
+        ("bench poisson --quick --json there.json", 2, vec!["there.json", "--force"]),
+        ("bench impact --sizes 3", 2, vec!["--sizes has 3", "10 to 400"]),
+        ("bench page --history broken.jsonl --docs page.md", 5, vec!["broken.jsonl", "line 1"]),
+        ("bench page --history none.jsonl --docs page.md", 2, vec!["none.jsonl", "no results"]),
+    ] {
+        let (found, error) = place.fails(command);
+        assert_eq!(found, code, "{command}: {error}");
+        for part in parts {
+            assert!(error.contains(part), "{command}: {error}");
+        }
+    }
+    assert!(place.ok("bench step --list").contains("dam-break-3d-300k"));
 }

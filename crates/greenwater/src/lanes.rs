@@ -282,12 +282,12 @@ impl Lanes for Portable {
     }
 }
 
-/// Panics unless every row is below `count`: what the unchecked loads of the vector units rely on.
+/// What happens where a row lies beyond the records.
 #[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn check_rows(rows: &[u32; LANES], count: usize) {
-    let last = rows.iter().fold(0, |last, &row| last.max(row));
-    assert!((last as usize) < count, "row {last} of {count} records");
+#[cold]
+#[inline(never)]
+fn beyond(rows: &[u32; LANES], count: usize) -> ! {
+    panic!("a row of {rows:?} is beyond {count} records");
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -298,7 +298,7 @@ mod x86 {
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
-    use super::{LANES, Lanes, Real, Record, check_rows};
+    use super::{LANES, Lanes, Real, Record, beyond};
 
     /// One register of AVX-512.
     #[derive(Clone, Copy, Debug)]
@@ -393,8 +393,11 @@ mod x86 {
         /// Halves of two records share a register, so that three rounds of shuffles put eight fields in order.
         #[inline(always)]
         fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
-            check_rows(rows, records.len());
             unsafe {
+                let count = _mm256_set1_epi32(records.len().min(u32::MAX as usize) as i32);
+                if _mm256_cmpge_epu32_mask(_mm256_loadu_si256(rows.as_ptr().cast()), count) != 0 {
+                    beyond(rows, records.len());
+                }
                 let [a, b, c, d] = four_fields::<0>(records, rows);
                 let [e, f, g, h] = four_fields::<4>(records, rows);
                 [a, b, c, d, e, f, g, h]
@@ -563,8 +566,13 @@ mod x86 {
 
         #[inline(always)]
         fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
-            check_rows(rows, records.len());
             unsafe {
+                let (all, count) =
+                    (_mm256_loadu_si256(rows.as_ptr().cast()), _mm256_set1_epi32(records.len().min(u32::MAX as usize) as i32));
+                // Where the row is the larger of row and count, it is beyond.
+                if _mm256_movemask_epi8(_mm256_cmpeq_epi32(_mm256_max_epu32(all, count), all)) != 0 {
+                    beyond(rows, records.len());
+                }
                 let (a, b) = (four_by_four::<0, 0>(records, rows), four_by_four::<4, 0>(records, rows));
                 let (c, d) = (four_by_four::<0, 4>(records, rows), four_by_four::<4, 4>(records, rows));
                 [
@@ -780,7 +788,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "row 4 of 4 records")]
+    #[should_panic(expected = "beyond 4 records")]
     fn rows_beyond_the_records_are_refused() {
         struct Beyond;
         impl Job for Beyond {
@@ -790,7 +798,7 @@ mod tests {
         }
         let set = InstructionSet::of_this_machine();
         // Portable loads are checked by the compiler, with words of its own.
-        assert!(set != InstructionSet::Portable, "row 4 of 4 records");
+        assert!(set != InstructionSet::Portable, "beyond 4 records");
         dispatch(set, Beyond);
     }
 }

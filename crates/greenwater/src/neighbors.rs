@@ -171,18 +171,31 @@ impl<const D: usize> Neighbors<D> {
     /// Fills the segments in parallel; `near(a, list)` appends the neighbours of `a` to `list`.
     fn list_by(&mut self, p: &Particles<D>, near: impl Fn(usize, &mut Vec<u32>) + Sync) {
         let (owned, nobody) = (p.owned(), self.nobody);
-        self.segments.par_iter_mut().enumerate().for_each(|(block, segment)| {
+        // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
+        self.segments.par_iter_mut().enumerate().for_each_init(Vec::new, |list, (block, segment)| {
             segment.ends.clear();
-            segment.list.clear();
+            list.clear();
             for a in block * BLOCK..owned.min((block + 1) * BLOCK) {
-                segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
+                list.resize(list.len().next_multiple_of(LANES), nobody);
                 if p.kind[a] != Kind::Lost {
-                    near(a, &mut segment.list);
+                    near(a, list);
                 }
-                segment.ends.push(segment.list.len() as u32);
+                segment.ends.push(list.len() as u32);
             }
-            segment.list.resize(segment.list.len().next_multiple_of(LANES), nobody);
+            list.resize(list.len().next_multiple_of(LANES), nobody);
+            segment.list.clear();
+            if segment.list.capacity() < list.len() {
+                segment.list.reserve_exact(list.len() + list.len() / 16);
+            }
+            segment.list.extend_from_slice(list);
         });
+    }
+
+    /// The real rows in the order of the cells of the last build, cell by cell: near each other in memory, near each other in space. Lost
+    /// rows come last. Empty after a direct search.
+    pub(crate) fn order(&self, p: &Particles<D>) -> Vec<u32> {
+        let sorted = &self.grid.entries[..if self.grid.starts.is_empty() { 0 } else { self.grid.entries.len() }];
+        sorted.iter().map(|entry| entry.row).filter(|&row| (row as usize) < p.owned()).collect()
     }
 
     /// Takes the positions of now without a new search: pairs stay those of the build, their distances are today's.
@@ -426,11 +439,18 @@ impl<const D: usize> Grid<D> {
         let home = self.cell(x_a);
         let first = home.map(|c| c.saturating_sub(1));
         let last = std::array::from_fn(|d| (home[d] + 1).min(self.cells[d] - 1));
-        self.visit(first, last, |entry| {
-            let reach = support * (0.5 * (h_a + entry.h));
-            if (x_a - entry.x).norm_squared() <= reach * reach && entry.row as usize != a {
-                list.push(entry.row);
+        self.visit(first, last, |entries| {
+            // Every row is written and the next one over it unless it is near: cheaper than a branch that nobody can foresee.
+            let start = list.len();
+            list.resize(start + entries.len(), 0);
+            let room = &mut list[start..];
+            let mut found = 0;
+            for entry in entries {
+                let reach = support * (0.5 * (h_a + entry.h));
+                room[found] = entry.row;
+                found += usize::from(((x_a - entry.x).norm_squared() <= reach * reach) & (entry.row as usize != a));
             }
+            list.truncate(start + found);
         });
     }
 
@@ -442,24 +462,25 @@ impl<const D: usize> Grid<D> {
         }
         let first = std::array::from_fn(|d| (cell(d) - 1.0).max(0.0) as usize);
         let last = std::array::from_fn(|d| ((cell(d) + 1.0) as usize).min(self.cells[d] - 1));
-        self.visit(first, last, |entry| {
-            let reach = support * (0.5 * (h + entry.h));
-            if (x - entry.x).norm_squared() <= reach * reach {
-                list.push(entry.row);
-            }
+        self.visit(first, last, |entries| {
+            let near = |entry: &&Entry<D>| {
+                let reach = support * (0.5 * (h + entry.h));
+                (x - entry.x).norm_squared() <= reach * reach
+            };
+            list.extend(entries.iter().filter(near).map(|entry| entry.row));
         });
     }
 
-    /// Shows the entries of the cells from `first` to `last`: rows of cells along the last axis in order, each one run of entries.
+    /// Shows the entries of the cells from `first` to `last`: rows of cells along the last axis in order, each one run of entries at once.
     #[inline(always)]
-    fn visit(&self, first: [usize; D], last: [usize; D], mut each: impl FnMut(&Entry<D>)) {
+    fn visit(&self, first: [usize; D], last: [usize; D], mut each: impl FnMut(&[Entry<D>])) {
         let mut row = first;
         loop {
             let from = self.starts[self.index(row) as usize] as usize;
             let mut end_of_row = row;
             end_of_row[D - 1] = last[D - 1];
             let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
-            self.entries[from..to].iter().for_each(&mut each);
+            each(&self.entries[from..to]);
             let Some(axis) = (0..D - 1).rev().find(|&d| row[d] < last[d]) else { break };
             row[axis] += 1;
             row[axis + 1..D - 1].copy_from_slice(&first[axis + 1..D - 1]);

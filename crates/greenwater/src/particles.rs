@@ -164,6 +164,17 @@ impl<const D: usize> Particles<D> {
         self.mass[a] / self.density[a]
     }
 
+    /// Puts the real particles into another order: the one in row `order[a]` comes to row `a`. Drops all ghosts.
+    pub(crate) fn reorder(&mut self, order: &[u32]) {
+        self.drop_ghosts();
+        macro_rules! take {
+            ($column:expr) => {
+                $column = order.iter().map(|&row| $column[row as usize]).collect()
+            };
+        }
+        each_column!(&mut *self, take);
+    }
+
     /// Drops all ghosts.
     pub(crate) fn drop_ghosts(&mut self) {
         let owned = self.owned;
@@ -262,6 +273,18 @@ mod tests {
         assert_eq!((p.x[2], p.id[2]), (Vector([-1.0, 0.0]), 8));
         p.drop_ghosts();
         assert_eq!(p, before);
+    }
+
+    #[test]
+    fn an_order_takes_every_column_along() {
+        let mut p = Particles::new();
+        for id in 0..3 {
+            p.push(id, Particle { mass: f64::from(id), ..particle(f64::from(id)) });
+        }
+        p.push_ghost(0, Vector([9.0, 0.0]));
+        p.reorder(&[2, 0, 1]);
+        assert_eq!((p.owned(), p.len()), (3, 3));
+        assert_eq!((p.id, p.mass), (vec![2, 0, 1], vec![2.0, 0.0, 1.0]));
     }
 
     #[test]

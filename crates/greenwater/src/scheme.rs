@@ -41,7 +41,7 @@ pub use wcsph::{Wcsph, WcsphSettings};
 
 /// A numerical method: advances particles by one time step.
 ///
-/// The driver calls [`start`](Scheme::start) once, then for each step [`time_step`](Scheme::time_step) and
+/// The driver calls [`start`](Scheme::start) once, then for each step [`renumber`](Scheme::renumber), [`time_step`](Scheme::time_step) and
 /// [`step`](Scheme::step) with a `dt` no larger than the limit.
 pub trait Scheme<const D: usize>: Send {
     /// Fills the columns the method derives from the initial state (density, pressure, acceleration, surface ...).
@@ -52,6 +52,10 @@ pub trait Scheme<const D: usize>: Send {
 
     /// The largest stable time step from the present state, s, and what bounds it.
     fn time_step(&self, p: &Particles<D>) -> StepLimit;
+
+    /// Renumbers particles where that pays: rows that lie near each other are read together. Comes between two steps; particles are told
+    /// apart by [`Particles::id`].
+    fn renumber(&mut self, _p: &mut Particles<D>) {}
 
     /// Advances the state by `dt`, s. Adds the time of each phase to `phases`.
     ///
@@ -67,6 +71,10 @@ pub struct StepReport {
     pub iterations: Option<usize>,
     /// True relative residual of the pressure solve, dimensionless; absent for explicit methods.
     pub residual: Option<f64>,
+    /// Evaluations of pressure and forces that the step made: its sound steps; absent where it is one.
+    pub evaluations: Option<usize>,
+    /// Pairs in the lists of the step, each from both sides; absent where a method does not say.
+    pub listed_pairs: Option<usize>,
 }
 
 /// Why a step stopped.

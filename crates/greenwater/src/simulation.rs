@@ -141,6 +141,7 @@ impl<const D: usize> Simulation<D> {
     /// # Errors
     /// The step failed; particles are then those before it.
     pub fn advance(&mut self) -> Result<(StepLimit, StepReport), RunError> {
+        self.scheme.renumber(&mut self.particles);
         self.last_good.clone_from(&self.particles);
         let limit = match self.fixed_step {
             Some(dt) => StepLimit::new(dt, "fixed"),

@@ -20,6 +20,46 @@ pub enum BenchError {
         /// What is in the way.
         path: PathBuf,
     },
+    /// No workload of this name.
+    #[error("--only is {given}, but must be part of the name of a workload: {}", known.join(", "))]
+    NoWorkload {
+        /// What was asked for.
+        given: String,
+        /// What there is.
+        known: Vec<&'static str>,
+    },
+    /// A resolution that the case cannot have.
+    #[error("--sizes has {given}, but must hold whole numbers from 10 to 400: spacings that fit into the height of the column")]
+    Size {
+        /// What was asked for.
+        given: u32,
+    },
+    /// A line of a history that is none.
+    #[error("`{}` line {line} is not a result of `greenwater bench`: {problem}; mend or remove the line", path.display())]
+    History {
+        /// The history.
+        path: PathBuf,
+        /// Number of the line.
+        line: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A history without a line.
+    #[error("`{}` has no results; let `greenwater bench step --history FILE` add some", path.display())]
+    NoHistory {
+        /// The history.
+        path: PathBuf,
+    },
+    /// An error that could not be taken from a run.
+    #[error("`{quantity}` of {run} could not be measured: {problem}")]
+    Measure {
+        /// What was to be measured.
+        quantity: String,
+        /// The run.
+        run: String,
+        /// Why not.
+        problem: String,
+    },
     /// A file could not be written.
     #[error("cannot {action} `{}`: {source}", path.display())]
     Io {
@@ -75,9 +115,9 @@ impl BenchError {
     /// Exit code of the program: 2 bad usage, 4 instability, 5 input or output, 1 anything else.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Exists { .. } => 2,
+            Self::Exists { .. } | Self::NoWorkload { .. } | Self::Size { .. } | Self::NoHistory { .. } => 2,
             Self::Run { .. } | Self::Step(_) => 4,
-            Self::Io { .. } => 5,
+            Self::Io { .. } | Self::History { .. } => 5,
             _ => 1,
         }
     }

@@ -1,12 +1,13 @@
 //! Results as numbers: what repeated measurements say, power laws, and the JSON that scripts read.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 /// Least, median and greatest of repeated times, s.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
     /// Least: the one to compare on a machine that does other things too.
     pub min: f64,
@@ -32,10 +33,11 @@ impl Seconds {
 }
 
 /// One row of `results`; what does not apply is left out.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Record {
-    /// `neighbors`, `poisson`, `step` or `flow`.
-    pub bench: &'static str,
+    /// `neighbors`, `poisson`, `step`, `second`, `impact` or `flow`.
+    pub bench: Cow<'static, str>,
     /// What was worked on.
     pub workload: String,
     /// How.
@@ -54,7 +56,7 @@ pub struct Record {
     /// Particles times steps over seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub particle_steps_per_s: Option<f64>,
-    /// Pairs found over the least time.
+    /// Pairs within the support of the kernel over the least time: listed, or gone through by the pair loops of an evaluation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pair_evaluations_per_s: Option<f64>,
     /// Memory of what is measured, over particles.
@@ -63,32 +65,52 @@ pub struct Record {
     /// Iterations of a solve; their mean over steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub iterations: Option<f64>,
-    /// Time over that of the plain way: direct search, serial Gauss.
+    /// How many times faster than the plain way on one thread: the plain pair loop, the plain list, Jacobi-CG; for the paper the direct
+    /// search and Gauss.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_to_naive: Option<f64>,
     /// Seconds of all repetitions by phase.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub phases: BTreeMap<&'static str, f64>,
+    pub phases: BTreeMap<Cow<'static, str>, f64>,
     /// Keys that only one kind of row has.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
 
 /// The JSON file.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Document {
     format: u32,
-    program: &'static str,
-    version: &'static str,
-    results: Vec<Record>,
+    program: Cow<'static, str>,
+    version: Cow<'static, str>,
+    /// The rows.
+    pub results: Vec<Record>,
+    /// Keys beside them: machine, commit, date.
     #[serde(flatten)]
-    extra: Map<String, Value>,
+    pub extra: Map<String, Value>,
 }
+
+/// The format of the file.
+const FORMAT: u32 = 1;
 
 impl Document {
     /// A file with these rows, and `extra` keys beside them.
     pub fn new(results: Vec<Record>, extra: Map<String, Value>) -> Self {
-        Self { format: 1, program: "greenwater", version: env!("CARGO_PKG_VERSION"), results, extra }
+        Self { format: FORMAT, program: "greenwater".into(), version: env!("CARGO_PKG_VERSION").into(), results, extra }
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// A sentence: not JSON, another format, missing keys.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let document: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        if document.format == FORMAT { Ok(document) } else { Err(format!("`format` is {}, but must be {FORMAT}", document.format)) }
+    }
+
+    /// The file on one line.
+    pub fn line(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default()
     }
 
     /// The file.
@@ -134,7 +156,7 @@ mod tests {
 
     #[test]
     fn a_file_names_its_format_and_leaves_out_what_does_not_apply() {
-        let record = Record { bench: "poisson", seconds: Some(Seconds::of(&[1.0])), iterations: Some(4.0), ..Record::default() };
+        let record = Record { bench: "poisson".into(), seconds: Some(Seconds::of(&[1.0])), iterations: Some(4.0), ..Record::default() };
         let json: Value = serde_json::from_str(&Document::new(vec![record], Map::new()).text()).expect("JSON");
         assert_eq!(json["format"], 1);
         assert_eq!(json["results"][0]["seconds"]["median"], 1.0);

@@ -1,5 +1,6 @@
 //! Shifting: small moves that keep particles evenly spaced.
 
+use super::viscosity::Tensor;
 use crate::lanes::Real;
 use crate::math::{Vector, power};
 
@@ -28,6 +29,33 @@ pub fn shift<const D: usize>(concentration: Vector<D>, h: f64, speed: f64, dt: f
     if length > most { most / length * move_by } else { move_by }
 }
 
+/// What the difference of velocities over `h` is multiplied by: a kernel of two spacings barely sees an uneven lattice, and shifts have to
+/// keep up with the strain that makes it so.
+const STRAIN: f64 = 10.0;
+
+/// Rate of strain `√(D:D)`, 1/s, `D = (∇v + ∇vᵀ)/2`; `gradient` is `∂v_i/∂x_j`, 1/s.
+#[inline(always)]
+pub fn strain_rate<const D: usize>(gradient: &Tensor<D>) -> f64 {
+    let mut squares = 0.0;
+    for i in 0..D {
+        for j in 0..D {
+            let strain = 0.5 * (gradient[i][j] + gradient[j][i]);
+            squares += strain * strain;
+        }
+    }
+    squares.sqrt()
+}
+
+/// Speed that shifts go by, m/s: `10 h √(D:D)`, at most `fastest`; `strain` is the rate of strain, 1/s.
+///
+/// Strain is what makes particles uneven. A speed measured by it is the same for every observer, and zero in liquid that is at rest,
+/// falls or turns as a whole, however fast a drop flies elsewhere (after Michel, Vergnaud, Oger, Hermange & Le Touzé, J. Comput.
+/// Phys. 459 (2022) 110999, who ask for the first two).
+#[inline(always)]
+pub fn shift_speed(strain: f64, h: f64, fastest: f64) -> f64 {
+    (STRAIN * h * strain).min(fastest)
+}
+
 /// Sum `Σ V W` below which a neighbourhood counts as dilated: disordered particles of the right volume sum to 1 within half a
 /// per cent, whatever the kernel.
 const FULL: f64 = 0.995;
@@ -51,6 +79,16 @@ mod tests {
         assert_eq!(volume_pull(1.003, 0.1, 2.0, 0.1), 0.0);
         // 1e-15: a few products.
         assert!((volume_pull(0.945, 0.1, 2.0, 0.1) + 0.1).abs() < 1e-15);
+    }
+
+    #[test]
+    fn liquid_that_turns_as_a_whole_is_not_shifted_and_strained_liquid_no_faster_than_it_flows() {
+        assert_eq!(strain_rate(&[Vector([0.0, -3.0]), Vector([3.0, 0.0])]), 0.0);
+        let pulled = strain_rate(&[Vector([0.3, 0.0]), Vector([0.0, -0.3])]);
+        // √(0.3² + 0.3²); 1e-15: a root.
+        assert!((pulled - 0.18_f64.sqrt()).abs() < 1e-15);
+        assert_eq!(shift_speed(pulled, 0.1, 2.0), pulled);
+        assert_eq!(shift_speed(pulled, 0.1, 0.2), 0.2);
     }
 
     #[test]

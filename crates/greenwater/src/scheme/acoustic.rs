@@ -13,7 +13,7 @@ use self::sums::{DensitySlope, Dilation, Kick, Looking, Shifting};
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::lanes::{InstructionSet, Real, Record, sweep_lanes, sweep_lanes2};
+use crate::lanes::{InstructionSet, LANES, Real, Record, sweep_lanes, sweep_lanes2};
 use crate::math::Vector;
 use crate::neighbors::{NOBODY, Neighbors, Search};
 use crate::particles::{Kind, Particles};
@@ -22,7 +22,8 @@ use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record};
 use crate::physics::state::{EquationOfState, PressureLaw};
-use crate::sweep::{largest, sweep, update2};
+use crate::reduce::sum;
+use crate::sweep::{largest, sweep, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
 
@@ -191,11 +192,25 @@ struct Shift<const D: usize> {
     change: f64,
     /// Rate of density that draws dilated fluid together, kg/(m³ s).
     pull: f64,
-    place: Place,
+    /// Least pressure that the fluid bears, Pa.
+    least: f64,
 }
 
 impl<const D: usize> Shift<D> {
-    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, place: Place::Dry };
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, least: f64::NEG_INFINITY };
+
+    /// As a record: between two steps those of `middle` hold nothing else.
+    fn to_record(self) -> Record {
+        let mut fields = [0.0; LANES];
+        fields[..D].copy_from_slice(&self.by.0);
+        [fields[D], fields[D + 1], fields[D + 2]] = [self.change, self.pull, self.least];
+        Record(fields)
+    }
+
+    fn from_record(record: &Record) -> Self {
+        let [change, pull, least] = [record.0[D], record.0[D + 1], record.0[D + 2]];
+        Self { by: record.x(), change, pull, least }
+    }
 }
 
 /// What sound changes in a particle of fluid, beside where it is and how it moves.
@@ -209,12 +224,26 @@ struct Bulk {
     compression: f64,
     /// The part of it that draws dilated fluid together, kg/(m³ s).
     pull: f64,
+    /// Least pressure, Pa.
+    least: f64,
+}
+
+impl Bulk {
+    /// The pressure of the density, Pa, as far as the fluid bears it.
+    #[inline(always)]
+    fn pressure(&self, state: &EquationOfState) -> f64 {
+        state.pressure(self.density).max(self.least)
+    }
 }
 
 /// Pairs reach so much farther than the kernel, in smoothing lengths: a list lasts for one step. In a step of `0.25 h/U` the
 /// fastest particles move a quarter of `h`; two that approach each other from farther away than that have a weight below 1 % of
 /// the largest when they are missed, and are missed from both sides.
 const SKIN: f64 = 0.1;
+
+/// Steps after which particles are numbered anew. The fastest move by a quarter of a smoothing length in a step: by ten neighbourhoods or so
+/// meanwhile, and most far less.
+const ORDER_EVERY: u64 = 64;
 
 /// A weakly compressible method in sound steps; the constructors are in the files of the methods.
 ///
@@ -236,20 +265,25 @@ pub struct Acoustic<K, const D: usize> {
     lengths: Vec<f64>,
     /// Of all rows, and nobody.
     place: Vec<Place>,
-    /// Positions, velocities and pressures in the middle of a sound step; of all rows, and nobody.
+    /// Positions, velocities and pressures in the middle of a sound step; of all rows, and nobody. Before the first sound step: shifts.
     middle: Vec<Record>,
     /// Positions, velocities and densities at its end.
     end: Vec<Record>,
     bulk: Vec<Bulk>,
-    shifts: Vec<Shift<D>>,
+    /// Rate of strain of fluid, 1/s.
+    strain: Vec<f64>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
     gradient: Vec<Vector<D>>,
     /// The kernel of each row, for pair terms with linear kernels.
     linear: Vec<LinearKernel<D>>,
     /// Densities about to replace those of the particles, kg/m³.
     fresh: Vec<f64>,
+    /// Mean density of a domain that fluid fills and cannot leave, kg/m³; none for others.
+    closed: Option<f64>,
     /// Steps since densities were set anew.
     since_reset: u64,
+    /// Steps since particles were numbered anew.
+    since_order: u64,
 }
 
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
@@ -267,17 +301,25 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             middle: Vec::new(),
             end: Vec::new(),
             bulk: Vec::new(),
-            shifts: Vec::new(),
+            strain: Vec::new(),
             gradient: Vec::new(),
             linear: Vec::new(),
             fresh: Vec::new(),
+            closed: None,
             since_reset: 0,
+            since_order: 0,
         }
     }
 
     /// The same method with other pair terms.
     pub(super) fn with_flux(mut self, flux: AnyFlux) -> Self {
         self.plan.flux = flux;
+        self
+    }
+
+    /// The same method with other instructions than the best of this machine: the same bits, at another speed.
+    pub fn on(mut self, set: InstructionSet) -> Self {
+        self.set = set;
         self
     }
 
@@ -314,11 +356,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         Ok(())
     }
 
-    /// Which particles belong to the free surface, and its normal there; leaves positions, normals and densities in `end`.
+    /// Which particles belong to the free surface, its normal there, and how fast fluid is strained; leaves positions, normals and
+    /// densities in `end`.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (x, v, mass, kind, owned) = (&p.x, &p.v, &p.mass, &p.kind, p.owned());
         sweep(&mut self.middle[..p.x.len()], |a| record(x[a], v[a], 0.0, mass[a], kind[a] != Kind::Fluid));
-        let mut end = std::mem::take(&mut self.end);
+        let (mut end, mut strain) = (std::mem::take(&mut self.end), std::mem::take(&mut self.strain));
+        strain.resize(owned, 0.0);
         let looking = Looking {
             pairs: self.pairs(&self.middle),
             scale: self.volume_scale(),
@@ -329,51 +373,55 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             mass: &p.mass,
             h: &p.h,
         };
-        sweep_lanes2(self.set, &mut end[..owned], &mut p.surface[..owned], &looking);
+        sweep_lanes2(self.set, &mut end[..owned], &mut strain, &looking);
+        sweep(&mut p.surface[..owned], |a| u8::from(kind[a] == Kind::Fluid && end[a].v::<D>() != Vector::ZERO));
         domain.refresh_records(&mut end);
         domain.refresh_column(&mut p.surface);
-        self.end = end;
+        (self.end, self.strain) = (end, strain);
     }
 
     /// Finds who is near the free surface, and how particles are shifted over a step `dt`: not those of the surface, those near it
     /// along it only. The density goes with its gradient, `δρ = ∇ρ·δx`.
     fn shift(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
         let owned = p.owned();
-        let mut shifts = std::mem::take(&mut self.shifts);
-        shifts.resize(owned, Shift::NONE);
+        let (mut middle, mut place) = (std::mem::take(&mut self.middle), std::mem::take(&mut self.place));
         let shifting = Shifting {
             pairs: self.pairs(&self.end),
             scale: self.volume_scale(),
             plan: &self.plan,
             spacing: self.medium.spacing,
-            speed: fastest(p),
+            strain: &self.strain,
+            fastest: fastest(p),
             dt,
             kind: &p.kind,
             h: &p.h,
         };
-        sweep_lanes(self.set, &mut shifts, &shifting);
-        for (place, shift) in self.place.iter_mut().zip(&shifts) {
-            *place = shift.place;
+        sweep_lanes2(self.set, &mut middle[..owned], &mut place[..owned], &shifting);
+        if let (Some(before), Some(now)) = (self.closed, closed_density(p, domain)) {
+            update(&mut middle[..owned], |_, record| {
+                let shift = Shift::<D>::from_record(record);
+                *record = Shift { change: shift.change - (now - before), ..shift }.to_record();
+            });
         }
-        self.shifts = shifts;
-        for (a, _) in self.walls.pressures() {
-            self.place[a] = Place::Wet;
+        for &a in self.walls.wet() {
+            place[a as usize] = Place::Wet;
         }
-        domain.refresh_column(&mut self.place[..p.len()]);
+        domain.refresh_column(&mut place[..p.len()]);
+        (self.middle, self.place) = (middle, place);
     }
 
     /// The first half of a sound step from the state of `p`, shifted: `x^{1/2}`, `ρ^{1/2}` and their pressure.
     fn set_out(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64) {
-        let (state, damping, shifts, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.shifts, &self.place);
+        let (state, damping, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.place);
         let owned = p.owned();
         update2(&mut self.middle[..owned], &mut self.bulk, |a, middle, bulk| {
-            let Shift { by, change, pull, .. } = shifts[a];
+            let Shift { by, change, pull, least } = Shift::from_record(middle);
             *middle = match p.kind[a] {
                 Kind::Fluid => {
-                    bulk.pull = pull;
+                    (bulk.pull, bulk.least) = (pull, least);
                     bulk.density = dilated(p.density[a] + change, half * bulk.rate, place[a], state.rest);
                     let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
-                    record(p.x[a] + by + half * p.v[a], p.v[a], state.pressure(bulk.density) + damper, p.mass[a], false)
+                    record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressure(&state) + damper, p.mass[a], false)
                 }
                 Kind::Wall | Kind::Lost => record(p.x[a], p.v[a], 0.0, p.mass[a], true),
             };
@@ -577,6 +625,13 @@ fn dilated(density: f64, change: f64, place: Place, rest: f64) -> f64 {
     if place == Place::Surface { density.max(rest) } else { density }
 }
 
+/// Mean density of a domain that is periodic along every axis and full of fluid, kg/m³. Neither its mass nor its volume changes, so that
+/// its mean density does not; the sum of `dρ/dt`, which follows the arrangement, makes it climb while particles leave a lattice.
+fn closed_density<const D: usize>(p: &Particles<D>, domain: &Domain<D>) -> Option<f64> {
+    let full = domain.periodic == [true; D] && (0..p.owned()).all(|a| p.is_fluid(a) && p.surface[a] == 0);
+    full.then(|| sum(p.owned(), |a| p.mass[a] * p.density[a]) / sum(p.owned(), |a| p.mass[a]))
+}
+
 /// Greatest speed of fluid, m/s.
 fn fastest<const D: usize>(p: &Particles<D>) -> f64 {
     largest(p.owned(), |a| if p.is_fluid(a) { p.v[a].norm_squared() } else { 0.0 }).max(0.0).sqrt()
@@ -600,6 +655,20 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         match self.plan.stepping {
             Stepping::Dual => flow,
             Stepping::Single => flow.min(StepLimit::new(self.sound_step(p), "sound")),
+        }
+    }
+
+    /// In the order of cells, now and then: what a sum reads of neighbours then lies near each other, however the flow has mixed them.
+    fn renumber(&mut self, p: &mut Particles<D>) {
+        self.since_order += 1;
+        if self.since_order < ORDER_EVERY {
+            return;
+        }
+        self.since_order = 0;
+        let order = self.near.order(p);
+        if order.len() == p.owned() {
+            p.reorder(&order);
+            self.bulk = order.iter().map(|&row| self.bulk[row as usize]).collect();
         }
     }
 
@@ -631,6 +700,6 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         // (4) what others read: the pressure of the density
         phases.measure("walls", || self.press_walls(p, domain));
         phases.measure("motion", || self.settle(p, domain, dt));
-        Ok(StepReport::default())
+        Ok(StepReport { evaluations: Some(count as usize), listed_pairs: Some(self.near.pairs()), ..StepReport::default() })
     }
 }

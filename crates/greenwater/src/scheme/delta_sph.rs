@@ -34,7 +34,7 @@ pub struct DeltaSphSettings {
     pub diffusion: Diffusion,
     /// Strength `δ` of density diffusion, dimensionless, >= 0.
     pub delta: f64,
-    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid.
     pub alpha: f64,
     /// Strength `α2` of the acoustic damper, dimensionless, >= 0: a bulk viscosity `α2 h c0` (m²/s), which takes energy from sound
     /// alone (Sun, Pilloton, Antuono & Colagrossi 2023).
@@ -79,7 +79,7 @@ impl DeltaSphSettings {
             delta: 0.1,
             alpha: 0.01,
             acoustic_damping: 1.0,
-            tensile_control: TensileControl::Switch,
+            tensile_control: TensileControl::None,
             shifting: 1.0,
             volume_control: 0.1,
             density_reset: DensityReset::None,
@@ -96,10 +96,9 @@ impl DeltaSphSettings {
 }
 
 impl Settings for DeltaSphSettings {
-    /// `h` of 1.5 spacings. At 2 a square lattice stays where it is under its own pressure, which at 1.5 it does not
-    /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`), and still water is stiller; but thin
-    /// sheets on walls then gain energy after an impact.
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.5);
+    /// `h` of two spacings: a square lattice stays where it is under its own pressure, which at 1.5 it does not
+    /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`).
+    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 2.0);
     const STEP_COST: f64 = 2e-7;
 
     fn preset(preset: Preset) -> Self {
@@ -326,7 +325,10 @@ impl<const D: usize> Flux<D> for DeltaFlux {
         let mut along = -pressed;
         if self.alpha > 0.0 {
             let approach = dot(&v_ab, &pair.x_ab) / pair.r.times_plus(pair.r, pair.h * pair.h * 0.01);
-            along = along + L::choose(pair.wall, nothing, approach * (pair.h * (self.alpha * self.sound * self.rest)));
+            // What the fluid's own viscosity leaves to do.
+            let own = 2.0 * (D as f64 + 2.0) * self.viscosity;
+            let strength = (pair.h * (self.alpha * self.sound * self.rest) - own).at_least(nothing);
+            along = along + L::choose(pair.wall, nothing, approach * strength);
         }
         let mut force = [nothing; D];
         add_scaled(&mut force, along, &pair.x_ab);

@@ -194,7 +194,11 @@ impl<K: Kernel<D>, const D: usize> Dfsph<K, D> {
 
 /// Iterations of both solves, and the larger residual.
 fn joined(one: SolveReport, other: SolveReport) -> StepReport {
-    StepReport { iterations: Some(one.iterations + other.iterations), residual: Some(one.residual.max(other.residual)) }
+    StepReport {
+        iterations: Some(one.iterations + other.iterations),
+        residual: Some(one.residual.max(other.residual)),
+        ..StepReport::default()
+    }
 }
 
 impl<K: Kernel<D>, const D: usize> Scheme<D> for Dfsph<K, D> {

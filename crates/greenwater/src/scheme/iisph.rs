@@ -102,6 +102,6 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Iisph<K, D> {
 
         // (3) x += Δt v
         phases.measure("motion", || flow.finish(p, domain, dt));
-        Ok(StepReport { iterations: Some(solved.iterations), residual: Some(solved.residual) })
+        Ok(StepReport { iterations: Some(solved.iterations), residual: Some(solved.residual), ..StepReport::default() })
     }
 }

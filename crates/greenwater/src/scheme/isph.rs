@@ -788,6 +788,11 @@ impl<const D: usize> Flow<D> {
             update(&mut self.pressure, |a, total| *total += solution[a]);
         }
         domain.refresh_column(&mut self.v);
-        Ok(StepReport { iterations: Some(iterations), residual: Some(residual) })
+        Ok(StepReport {
+            iterations: Some(iterations),
+            residual: Some(residual),
+            listed_pairs: Some(self.near.pairs()),
+            ..StepReport::default()
+        })
     }
 }

@@ -599,7 +599,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for IsphPaper<K, D> {
                 p.acceleration[a] = (p.v[a] - self.v_before[a]) / dt;
             }
         });
-        Ok(StepReport { iterations: Some(report.iterations), residual: Some(report.residual) })
+        Ok(StepReport { iterations: Some(report.iterations), residual: Some(report.residual), ..StepReport::default() })
     }
 }
 

@@ -702,7 +702,7 @@ impl<const D: usize> Scheme<D> for Mps<D> {
             self.correct(p, domain, dt);
             self.finish(p, domain, dt);
         });
-        Ok(StepReport { iterations: Some(report.iterations), residual: Some(report.residual) })
+        Ok(StepReport { iterations: Some(report.iterations), residual: Some(report.residual), ..StepReport::default() })
     }
 }
 

@@ -130,6 +130,11 @@ impl<const D: usize> DummyWalls<D> {
         sweep_lanes(pairs.set, &mut self.velocity, &MirroredVelocity { pairs, wet: &self.wet, p });
     }
 
+    /// Wall rows with fluid in reach.
+    pub(crate) fn wet(&self) -> &[u32] {
+        &self.wet
+    }
+
     /// Row and pressure of every wet wall particle, Pa.
     pub(crate) fn pressures(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.wet.iter().zip(&self.pressure).map(|(&a, &pressure)| (a as usize, pressure))

@@ -1,12 +1,13 @@
 //! The first state: speed of sound, lattice, density and pressure.
 
-use super::{Acoustic, Bulk, StartPressure};
+use super::{Acoustic, Bulk, StartPressure, closed_density};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::math::Vector;
+use crate::neighbors::Pair;
 use crate::particles::{Kind, Particles};
 use crate::physics::lattice::Lattice;
-use crate::reduce::dot;
+use crate::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolverSettings};
 use crate::scheme::{Medium, StepError};
 use crate::sweep::sweep;
 
@@ -25,7 +26,7 @@ const RESIDUAL: f64 = 1e-8;
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Fills what follows from positions, velocities and the wanted start.
     pub(super) fn first_state(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
-        self.since_reset = 0;
+        (self.since_reset, self.since_order) = (0, 0);
         if let Some(factor) = self.plan.sound_factor {
             self.plan.state.sound = factor * reference_speed(&self.medium, p);
         }
@@ -43,9 +44,10 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.search(p, domain)?;
         self.surface(p, domain);
         if self.plan.start == StartPressure::Released && self.medium.g() > 0.0 {
-            self.release(p, domain);
+            self.release(p, domain)?;
             self.surface(p, domain);
         }
+        self.closed = closed_density(p, domain);
         self.shift(p, domain, 0.0);
         // A step of no length: rates, accelerations and forces of this state.
         self.bulk.fill(Bulk::default());
@@ -67,10 +69,10 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
 
     /// Adds to the hydrostatic pressure the harmonic one that makes the free surface free: `Σ_b 2 V_b F_ab (q_a − q_b) = 0` over
     /// fluid (Brookshaw's Laplacian, natural at walls: the weight of the liquid is in the hydrostatic part), with
-    /// `q_a = p_surface − p_hydrostatic` on the surface. Conjugate gradients; the matrix is symmetric for equal volumes.
+    /// `q_a = p_surface − p_hydrostatic` on the surface. The matrix is symmetric for equal volumes; it is made so for others.
     ///
     /// A particle of the surface lies half a spacing below it where the surface faces up, and feels the weight of that much.
-    fn release(&self, p: &mut Particles<D>, domain: &Domain<D>) {
+    fn release(&self, p: &mut Particles<D>, domain: &Domain<D>) -> Result<(), StepError> {
         let (near, kernel, state, owned) = (&self.near, self.kernel, self.plan.state, p.owned());
         let up = self.medium.gravity / -self.medium.g();
         // The normals stand where velocities do.
@@ -82,52 +84,47 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             q[a] = state.rest * self.medium.g() * depth - p.pressure[a];
         }
         domain.refresh_column(&mut q);
-        let apply = |q: &[f64], out: &mut [f64]| {
-            sweep(out, |a| {
-                let mut sum = 0.0;
-                if free(a) {
-                    near.for_each(a, |pair| {
-                        if p.is_fluid(pair.b) {
-                            sum -= 2.0 * p.mass[pair.b] / state.rest * kernel.dw_over_r(pair.r, pair.h) * (q[a] - q[pair.b]);
+        let link = |a: usize, pair: &Pair<D>| -(p.mass[a] + p.mass[pair.b]) / state.rest * kernel.dw_over_r(pair.r, pair.h);
+        let mut source = vec![0.0; owned];
+        sweep(&mut source, |a| {
+            let mut sum = 0.0;
+            if free(a) {
+                near.for_each(a, |pair| {
+                    if p.is_fluid(pair.b) && !free(domain.parent(pair.b, owned)) {
+                        sum += link(a, &pair) * q[pair.b];
+                    }
+                });
+            }
+            sum
+        });
+        let mut matrix = CsrMatrix::new();
+        matrix.assemble(owned, |a, row| {
+            let mut diagonal = 0.0;
+            if free(a) {
+                near.for_each(a, |pair| {
+                    if p.is_fluid(pair.b) {
+                        let (b, link) = (domain.parent(pair.b, owned), link(a, &pair));
+                        diagonal += link;
+                        if free(b) {
+                            row.push(b, -link);
                         }
-                    });
-                }
-                sum
-            });
-        };
-        let mut residual = vec![0.0; owned];
-        let mut image = vec![0.0; owned];
-        apply(&q, &mut residual);
-        residual.iter_mut().for_each(|r| *r = -*r);
-        let mut direction = vec![0.0; p.len()];
-        direction[..owned].copy_from_slice(&residual);
-        let (mut now, first) = (dot(&residual, &residual), dot(&residual, &residual));
-        // Conjugate gradients need some four iterations for each particle along the longest side; ten is plenty.
-        let most = 100 + 10 * owned.isqrt();
-        for _ in 0..most {
-            if now <= RESIDUAL * RESIDUAL * first || now == 0.0 {
-                break;
+                    }
+                });
             }
-            domain.refresh_column(&mut direction);
-            apply(&direction, &mut image);
-            let curvature = dot(&direction[..owned], &image);
-            if curvature <= 0.0 {
-                break;
-            }
-            let length = now / curvature;
-            for a in 0..owned {
-                q[a] += length * direction[a];
-                residual[a] -= length * image[a];
-            }
-            let next = dot(&residual, &residual);
-            for a in 0..owned {
-                direction[a] = residual[a] + next / now * direction[a];
-            }
-            now = next;
-        }
+            row.push(a, if diagonal > 0.0 { diagonal } else { 1.0 });
+        });
+        let mut harmonic = vec![0.0; owned];
+        LinearSolver::new(SolverSettings {
+            preconditioner: PreconditionerKind::Multigrid,
+            tolerance: RESIDUAL,
+            ..SolverSettings::default()
+        })?
+        .solve(&matrix, &source, &mut harmonic)?;
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-            p.density[a] = state.density((p.pressure[a] + q[a]).max(0.0));
+            let q = if free(a) { harmonic[a] } else { q[a] };
+            p.density[a] = state.density((p.pressure[a] + q).max(0.0));
         }
         domain.refresh_column(&mut p.density);
+        Ok(())
     }
 }

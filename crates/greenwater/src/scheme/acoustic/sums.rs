@@ -10,15 +10,17 @@ use crate::physics::consistency::LinearKernel;
 use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{gradient_at_rest, jump};
 use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, record, scaled, splat, totals};
-use crate::physics::shifting::{pair_weight, shift, volume_pull};
+use crate::physics::shifting::{pair_weight, shift, shift_speed, strain_rate, volume_pull};
 use crate::physics::state::EquationOfState;
 use crate::physics::viscosity::{Tensor, contract};
+use crate::walls::dummy::WallSuction;
 
 /// Looks for the free surface. A particle belongs to it where `Σ_b V_b (x_b − x_a)·∇_a W_ab`, walls included, is below the value half-way
 /// between the two outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are
 /// as one-sided as beside a void: that is a surface, too, and shifting must not fill it.
 ///
-/// Writes positions, normals out of the fluid (zero off the surface) and densities.
+/// Writes positions, normals out of the fluid (zero off the surface) and densities; and the rate of strain `√(D:D)`, 1/s, of
+/// `∇v = Σ V_b (v_b − v_a) ⊗ ∇_a W_ab`, which a free surface makes too small by what it cuts off.
 pub(super) struct Looking<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// `1/ρ0`, m³/kg.
@@ -32,18 +34,20 @@ pub(super) struct Looking<'a, K, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, const D: usize> Rows<Record, u8> for Looking<'_, K, D> {
+impl<K: Kernel<D>, const D: usize> Rows<Record, f64> for Looking<'_, K, D> {
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, next: &mut Record, surface: &mut u8) {
-        let x = self.pairs.records[a].x();
+    fn row<L: Lanes>(&self, a: usize, next: &mut Record, strain: &mut f64) {
+        let own = self.pairs.records[a];
+        let x = own.x();
         if self.kind[a] != Kind::Fluid {
             *next = record::<D>(x, Vector::ZERO, self.density[a], self.mass[a], true);
             return;
         }
-        let around = Around { reach: self.pairs.reach::<L>(self.h[a]) };
-        let (concentration, filled) = self.pairs.near.sum(a, self.pairs.records, &around);
+        let around = Around { reach: self.pairs.reach::<L>(self.h[a]), v: splat(own.v()) };
+        let found = self.pairs.near.sum(a, self.pairs.records, &around);
         let scale = self.scale * around.reach.slope_scale();
-        let (concentration, filled) = (scale * totals(concentration), -scale * filled.total());
+        let (concentration, filled) = (scale * totals(found.concentration), -scale * found.filled.total());
+        *strain = strain_rate(&tensor(-scale, found.change));
         let length = concentration.norm();
         // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
         let normal = match () {
@@ -51,83 +55,112 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, u8> for Looking<'_, K, D> {
             () if length > 0.0 => -concentration / length,
             () => Vector::unit(D - 1),
         };
-        *surface = u8::from(normal != Vector::ZERO);
         *next = record(x, normal, self.density[a], self.mass[a], false);
     }
 }
 
-/// `m ∇W` and `m x_ab·∇W`, on the scale of the particle.
-struct Around<'a, K, L> {
-    reach: Reach<'a, K, L>,
+/// What surrounds a particle, on the scale of the particle.
+struct Surroundings<L, const D: usize> {
+    /// `Σ m ∇W`.
+    concentration: [L; D],
+    /// `Σ m x_ab·∇W`.
+    filled: L,
+    /// `Σ m v_ab ⊗ ∇W`.
+    change: [[L; D]; D],
 }
 
-impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L> {
-    type Totals = ([L; D], L);
+struct Around<'a, K, L, const D: usize> {
+    reach: Reach<'a, K, L>,
+    v: [L; D],
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> {
+    type Totals = Surroundings<L, D>;
 
     #[inline(always)]
-    fn nothing(&self) -> Self::Totals {
-        ([L::splat(0.0); D], L::splat(0.0))
+    fn nothing(&self) -> Surroundings<L, D> {
+        let nothing = [L::splat(0.0); D];
+        Surroundings { concentration: nothing, filled: L::splat(0.0), change: [nothing; D] }
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, (concentration, filled): &mut Self::Totals) {
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Surroundings<L, D>) {
         let b = Seen::<L, D>::of(&octet.fields);
         let dw = b.mass * self.reach.slope(octet);
-        add_scaled(concentration, dw, &octet.x_ab);
-        *filled = (dw * octet.r).times_plus(octet.r, *filled);
+        add_scaled(&mut totals.concentration, dw, &octet.x_ab);
+        totals.filled = (dw * octet.r).times_plus(octet.r, totals.filled);
+        let v_ab = difference(&self.v, &b.v);
+        for i in 0..D {
+            add_scaled(&mut totals.change[i], dw * v_ab[i], &octet.x_ab);
+        }
     }
 }
 
-/// Shifts particles, and draws dilated fluid together.
+/// Shifts particles, draws dilated fluid together, and lets fluid part from walls.
+///
+/// Beside a wall that cannot pull, fluid is never under tension. The continuity equation counts a wall from which fluid parts, and
+/// the density falls; tension then would pull on the fluid behind while nothing holds the side of the wall, and tear the particle off
+/// its wall ever faster. The density still counts: it remembers how far a gap has to close before anything pushes.
 pub(super) struct Shifting<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// `1/ρ0`, m³/kg.
     pub scale: f64,
     pub plan: &'a Plan,
     pub spacing: f64,
+    /// Rate of strain, 1/s.
+    pub strain: &'a [f64],
     /// Greatest speed, m/s.
-    pub speed: f64,
+    pub fastest: f64,
     pub dt: f64,
     pub kind: &'a [Kind],
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, const D: usize> Rows<Shift<D>> for Shifting<'_, K, D> {
+impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, out: &mut Shift<D>, _: &mut ()) {
+    fn row<L: Lanes>(&self, a: usize, out: &mut Record, place: &mut Place) {
         let own = self.pairs.records[a];
-        *out = match self.kind[a] {
-            Kind::Wall | Kind::Lost => Shift::NONE,
-            Kind::Fluid if own.v::<D>() != Vector::ZERO => Shift { place: Place::Surface, ..Shift::NONE },
+        let (shift, found) = match self.kind[a] {
+            Kind::Wall | Kind::Lost => (Shift::NONE, Place::Dry),
+            Kind::Fluid if own.v::<D>() != Vector::ZERO => (Shift::<D>::NONE, Place::Surface),
             Kind::Fluid => {
                 let reach = self.pairs.reach::<L>(self.h[a]);
                 let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
                 let term = Crowd { reach, per_whole: reach.w_scale() / whole, density: L::splat(own.value::<D>()) };
                 let found = self.pairs.near.sum(a, self.pairs.records, &term);
-                self.shifted(&own, self.h[a], [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale], found)
+                self.shifted(
+                    &own,
+                    self.h[a],
+                    self.strain[a],
+                    [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale],
+                    found,
+                )
             }
         };
+        (*out, *place) = (shift.to_record(), found);
     }
 }
 
 impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
     /// `scales`: of `V W` and of `V ∇W` over those of the sums.
     #[inline(always)]
-    fn shifted<L: Lanes>(&self, own: &Record, h: f64, scales: [f64; 2], found: Crowding<L, D>) -> Shift<D> {
-        let Plan { shifting, volume_control, state, .. } = *self.plan;
+    fn shifted<L: Lanes>(&self, own: &Record, h: f64, strain: f64, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
+        let Plan { shifting, volume_control, state, suction, .. } = *self.plan;
         let outward = totals(found.outward);
         let length = outward.norm();
         let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
-        let by = shift(scales[1] * totals(found.concentration), h, shifting * self.speed, self.dt, normal);
+        let by = shift(scales[1] * totals(found.concentration), h, shifting * shift_speed(strain, h, self.fastest), self.dt, normal);
         let pull = match place {
             Place::Inside => {
                 let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
-                state.rest * volume_pull(own + scales[0] * found.filling.total(), h, self.speed, volume_control)
+                state.rest * volume_pull(own + scales[0] * found.filling.total(), h, self.fastest, volume_control)
             }
             _ => 0.0,
         };
         let correction = renormalisation(&tensor(-scales[1], found.moments)).unwrap_or([Vector::ZERO; D]);
-        Shift { by, change: contract(&correction, scales[1] * totals(found.gradient)).dot(by), pull, place }
+        let parts = suction == WallSuction::None && found.at_wall.total() > 0.0;
+        let least = if parts { 0.0 } else { f64::NEG_INFINITY };
+        (Shift { by, change: contract(&correction, scales[1] * totals(found.gradient)).dot(by), pull, least }, place)
     }
 }
 
@@ -143,6 +176,8 @@ struct Crowding<L, const D: usize> {
     outward: [L; D],
     /// `Σ m x_ab ⊗ ∇W`.
     moments: [[L; D]; D],
+    /// `Σ W` over walls.
+    at_wall: L,
 }
 
 struct Crowd<'a, K, L> {
@@ -158,7 +193,14 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
     #[inline(always)]
     fn nothing(&self) -> Crowding<L, D> {
         let nothing = [L::splat(0.0); D];
-        Crowding { filling: L::splat(0.0), concentration: nothing, gradient: nothing, outward: nothing, moments: [nothing; D] }
+        Crowding {
+            filling: L::splat(0.0),
+            concentration: nothing,
+            gradient: nothing,
+            outward: nothing,
+            moments: [nothing; D],
+            at_wall: L::splat(0.0),
+        }
     }
 
     #[inline(always)]
@@ -171,6 +213,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
         add_scaled(&mut totals.gradient, (b.value - self.density) * dw, &octet.x_ab);
         add_scaled(&mut totals.outward, w, &b.v);
         add_moments(&mut totals.moments, dw, &octet.x_ab);
+        totals.at_wall = totals.at_wall + L::choose(b.wall, w, L::splat(0.0));
     }
 }
 
@@ -458,7 +501,7 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Bulk> for Dilation<'
         bulk.density = dilated(bulk.density, lead * bulk.rate, self.place[a], self.state.rest);
         let damper = if self.place[a] == Place::Inside { damping * self.h[a] * compression } else { 0.0 };
         let v = now.v::<D>();
-        *next = record(now.x() + lead * v, v, self.state.pressure(bulk.density) + damper, self.mass[a], false);
+        *next = record(now.x() + lead * v, v, bulk.pressure(&self.state) + damper, self.mass[a], false);
     }
 }
 

@@ -217,7 +217,7 @@ impl Results {
                 extra.insert("stopped".into(), json!(stopped));
             }
             Record {
-                bench: "flow",
+                bench: "flow".into(),
                 workload: "dam break".into(),
                 method: flow.name.clone(),
                 dimension: 2,

@@ -156,9 +156,9 @@ impl Results {
     pub fn records(&self) -> Vec<Record> {
         let accelerations = self.acceleration();
         let record = |point: &Point| {
-            let ratio = accelerations.iter().find(|(n, _)| *n == point.particles).map(|(_, ratio)| 1.0 / ratio);
+            let ratio = accelerations.iter().find(|(n, _)| *n == point.particles).map(|(_, ratio)| *ratio);
             Record {
-                bench: "neighbors",
+                bench: "neighbors".into(),
                 workload: "lattice with disorder, 20 neighbours".into(),
                 method: name(point.search).into(),
                 dimension: 2,

@@ -150,7 +150,7 @@ impl Results {
     /// Rows of the JSON file.
     pub fn records(&self) -> Vec<Record> {
         let record = |c: &Cost| Record {
-            bench: "step",
+            bench: "step".into(),
             workload: "dam break".into(),
             method: c.method.name().into(),
             dimension: 2,
@@ -160,7 +160,7 @@ impl Results {
             repetitions: c.steps as usize,
             particle_steps_per_s: Some(1e6 / c.per_particle_step()),
             iterations: c.iterations,
-            phases: c.phases.iter().copied().collect(),
+            phases: c.phases.iter().map(|&(name, seconds)| (name.into(), seconds)).collect(),
             extra: Map::from_iter([
                 ("seconds_of_2000_steps".to_owned(), json!(c.of_2000_steps())),
                 ("flow_time".to_owned(), json!(c.end)),

@@ -194,7 +194,7 @@ impl Results {
                 extra.insert("efficiency".into(), json!(speed_up / s.threads as f64));
             }
             Record {
-                bench: "poisson",
+                bench: "poisson".into(),
                 workload: format!("pressure equation of the dam break, m = {}, t = {:.3} s", s.columns, s.time),
                 method: s.solver.name().into(),
                 dimension: 2,
@@ -203,8 +203,8 @@ impl Results {
                 seconds: Some(s.seconds),
                 repetitions: s.repetitions,
                 iterations: Some(s.iterations as f64),
-                ratio_to_naive: self.find(Solver::Gauss, s.columns, 1).map(|gauss| s.seconds.min / gauss.seconds.min),
-                phases: [("setup", s.setup_seconds)].into(),
+                ratio_to_naive: self.find(Solver::Gauss, s.columns, 1).map(|gauss| gauss.seconds.min / s.seconds.min),
+                phases: [("setup".into(), s.setup_seconds)].into(),
                 extra,
                 ..Record::default()
             }
