@@ -7,7 +7,7 @@ use crate::math::Vector;
 use crate::neighbors::Pair;
 use crate::particles::{Kind, Particles};
 use crate::physics::lattice::Lattice;
-use crate::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolverSettings};
+use crate::poisson::{Arms, LinearSolver, PreconditionerKind, Sliced, SolverSettings};
 use crate::scheme::{Medium, StepError};
 use crate::sweep::sweep;
 
@@ -97,29 +97,25 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             }
             sum
         });
-        let mut matrix = CsrMatrix::new();
-        matrix.assemble(owned, |a, row| {
+        let mut matrix = Sliced::default();
+        matrix.fill(owned, &mut Arms::<0>::default(), |a, row| {
             let mut diagonal = 0.0;
             if free(a) {
                 near.for_each(a, |pair| {
                     if p.is_fluid(pair.b) {
-                        let (b, link) = (domain.parent(pair.b, owned), link(a, &pair));
-                        diagonal += link;
+                        let (b, link) = (domain.parent(pair.b, owned), link(a, &pair) as f32);
+                        diagonal += f64::from(link);
                         if free(b) {
-                            row.push(b, -link);
+                            row.push(b, link, []);
                         }
                     }
                 });
             }
-            row.push(a, if diagonal > 0.0 { diagonal } else { 1.0 });
+            if diagonal > 0.0 { diagonal } else { 1.0 }
         });
         let mut harmonic = vec![0.0; owned];
-        LinearSolver::new(SolverSettings {
-            preconditioner: PreconditionerKind::Multigrid,
-            tolerance: RESIDUAL,
-            ..SolverSettings::default()
-        })?
-        .solve(&matrix, &source, &mut harmonic)?;
+        LinearSolver::new(SolverSettings { preconditioner: PreconditionerKind::Multigrid, tolerance: RESIDUAL, ..SolverSettings::default() })?
+            .solve_sliced(&matrix, &source, &mut harmonic, 0.0)?;
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
             let q = if free(a) { harmonic[a] } else { q[a] };
             p.density[a] = state.density((p.pressure[a] + q).max(0.0));
