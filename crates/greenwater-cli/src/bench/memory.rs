@@ -1,6 +1,7 @@
 //! How much memory the program holds, and the most it held: an allocator that counts what it passes on to the system's.
 //!
-//! Counted are the bytes asked for, not the pages touched: the same number on every system, and no less than what is resident.
+//! Counted are the bytes asked for, not the pages touched. Where much was asked for and never touched (the dense solver asks for scratch as
+//! large as the caches of the machine), [`Gauge`] goes by what the system says is resident.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -27,6 +28,39 @@ pub fn forget_most() {
 /// The most bytes held at once since [`forget_most`].
 pub fn most() -> usize {
     MOST.load(Relaxed)
+}
+
+/// Measures the peak of a piece of work, from where it is made.
+pub struct Gauge {
+    held: usize,
+    resident: Option<usize>,
+}
+
+impl Gauge {
+    /// Starts from what is held now.
+    pub fn start() -> Self {
+        forget_most();
+        // Linux forgets the peak of resident memory when it is told to.
+        let forgotten = std::fs::write("/proc/self/clear_refs", "5").is_ok();
+        Self { held: held(), resident: resident("VmRSS:").filter(|_| forgotten) }
+    }
+
+    /// The most bytes since, above those held at the start: as asked for, or as touched where half of that never was.
+    pub fn peak(&self) -> usize {
+        let asked = most().saturating_sub(self.held);
+        let touched = self.resident.zip(resident("VmHWM:")).map(|(before, peak)| peak.saturating_sub(before));
+        touched.filter(|&touched| asked > 2 * touched.max(UNSURE)).unwrap_or(asked)
+    }
+}
+
+/// Below so many bytes what is resident says little: memory that was given back may serve again. 32 MiB.
+const UNSURE: usize = 32 << 20;
+
+/// A line of what Linux says about this process, bytes.
+fn resident(key: &str) -> Option<usize> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find(|line| line.starts_with(key))?;
+    Some(1024 * line.split_whitespace().nth(1)?.parse::<usize>().ok()?)
 }
 
 fn taken(bytes: usize) {
@@ -86,10 +120,15 @@ mod tests {
     fn a_block_counts_while_it_lives_and_its_peak_stays_known() {
         const BLOCK: usize = 1 << 30;
         let before = held();
+        let gauge = Gauge::start();
         let block: Vec<u8> = Vec::with_capacity(BLOCK);
         assert!(held() >= before + BLOCK / 2);
         drop(block);
         assert!(held() < before + BLOCK / 2);
         assert!(most() >= before + BLOCK / 2);
+        // The block was never touched.
+        if gauge.resident.is_some() {
+            assert!(gauge.peak() < BLOCK / 2, "{}", gauge.peak());
+        }
     }
 }

@@ -49,11 +49,17 @@ fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }
 
-/// The commit of the sources, `-dirty` where they were changed since; `unknown` for a program away from its sources.
+/// The commit of the sources, `-dirty` where the crates were changed since; `unknown` for a program away from its sources.
 fn commit() -> String {
-    let asked = Command::new("git")
-        .args(["-C", env!("CARGO_MANIFEST_DIR"), "describe", "--always", "--dirty", "--abbrev=10", "--exclude=*"])
-        .output();
-    let answer = asked.ok().filter(|output| output.status.success()).and_then(|output| String::from_utf8(output.stdout).ok());
-    answer.map(|text| text.trim().to_owned()).filter(|text| !text.is_empty()).unwrap_or_else(|| "unknown".to_owned())
+    let git = |words: &[&str]| {
+        let asked = Command::new("git").args(["-C", concat!(env!("CARGO_MANIFEST_DIR"), "/..")]).args(words).output();
+        asked.ok().filter(|output| output.status.success()).and_then(|output| String::from_utf8(output.stdout).ok())
+    };
+    match git(&["rev-parse", "--short=10", "HEAD"]) {
+        Some(commit) => {
+            let changed = git(&["status", "--porcelain", "--untracked-files=no", "."]).is_some_and(|files| !files.trim().is_empty());
+            format!("{}{}", commit.trim(), if changed { "-dirty" } else { "" })
+        }
+        None => "unknown".to_owned(),
+    }
 }

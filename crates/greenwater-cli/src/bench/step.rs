@@ -36,8 +36,6 @@ struct Timed {
     steps: Vec<Lap>,
     /// Evaluations of each step.
     evaluations: Vec<f64>,
-    /// Seconds in pair loops in each step.
-    loops: Vec<f64>,
     iterations: Vec<f64>,
     listed: Option<usize>,
     phases: Vec<(&'static str, f64)>,
@@ -96,8 +94,7 @@ fn time<const D: usize>(
 ) -> Result<(Timed, Option<Twin>), BenchError> {
     let particles = setup.particles.owned();
     let failed = |source| BenchError::Run { method: flow.method.name(), particles, source };
-    let before = memory::held();
-    memory::forget_most();
+    let gauge = memory::Gauge::start();
     let mut simulation = simulation(setup)?;
     simulation.start().map_err(failed)?;
     for _ in 0..if plan.quick { flow.warm_up.min(2) } else { flow.warm_up } {
@@ -108,7 +105,6 @@ fn time<const D: usize>(
         fluid: setup.estimate.fluid,
         steps: Vec::new(),
         evaluations: Vec::new(),
-        loops: Vec::new(),
         iterations: Vec::new(),
         listed: None,
         phases: Vec::new(),
@@ -117,23 +113,17 @@ fn time<const D: usize>(
         all: Watch::start().lap(),
     };
     let phases_before: Vec<(&str, f64)> = simulation.phases().iter().collect();
-    let in_loops = |simulation: &Simulation<D>| -> f64 {
-        simulation.phases().iter().filter(|(name, _)| PAIR_LOOPS.contains(name)).map(|(_, seconds)| seconds).sum()
-    };
     let watch = Watch::start();
     loop {
-        let loops = in_loops(&simulation);
         let step = Watch::start();
         let (_, report) = simulation.advance().map_err(failed)?;
-        let lap = step.lap();
-        // Phases are wall time; the part of it that went to others is taken to be spread evenly over a step.
-        timed.loops.push((in_loops(&simulation) - loops) * lap.seconds(rayon::current_num_threads()) / lap.wall);
-        timed.steps.push(lap);
+        timed.steps.push(step.lap());
         timed.evaluations.push(report.evaluations.unwrap_or(1) as f64);
         timed.iterations.extend(report.iterations.map(|n| n as f64));
         timed.listed = report.listed_pairs;
         let enough = timed.steps.len() >= plan.repeats && watch.lap().wall >= plan.seconds;
-        if if flow.second { simulation.time() >= 1.0 } else { enough } {
+        let done = if flow.second { simulation.time() >= 1.0 } else { enough };
+        if done {
             break;
         }
     }
@@ -142,7 +132,7 @@ fn time<const D: usize>(
     };
     timed.all = watch.lap();
     timed.phases = simulation.phases().iter().map(since).collect();
-    timed.bytes = memory::most().saturating_sub(before);
+    timed.bytes = gauge.peak();
     timed.flow_time = simulation.time();
     let twin = if with_twin && flow.method == MethodName::DeltaSph { Some(twin(setup, simulation.particles(), plan)?) } else { None };
     Ok((timed, twin))
@@ -176,7 +166,7 @@ fn twin<const D: usize>(setup: &Setup<D>, p: &Particles<D>, plan: &Plan) -> Resu
 fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, session: &Session, one_thread: Option<f64>) -> Record {
     let n = timed.particles as f64;
     let evaluations: f64 = timed.evaluations.iter().sum();
-    let total = if flow.second { timed.all.wall } else { timed.steps.iter().map(|step| step.seconds(threads)).sum() };
+    let total = if flow.second { timed.all.seconds(threads) } else { timed.steps.iter().map(|step| step.seconds(threads)).sum() };
     // A whole second is one measurement; else each step is one, shared out over its evaluations.
     let seconds = if flow.second {
         Seconds::of(&[total])
@@ -204,7 +194,9 @@ fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, sessi
     if let Some(before) = one_thread.filter(|_| threads > 1) {
         extra.insert("speed_up".into(), json!(before / timed.least_wall(flow)));
     }
-    let loops = timed.loops.iter().zip(&timed.evaluations).map(|(s, e)| s / e).fold(f64::INFINITY, f64::min);
+    // Phases are wall time: their share of it is taken of the least time of an evaluation.
+    let in_loops: f64 = timed.phases.iter().filter(|(name, _)| PAIR_LOOPS.contains(name)).map(|(_, seconds)| seconds).sum();
+    let loops = evaluation * in_loops / timed.steps.iter().map(|step| step.wall).sum::<f64>();
     let (mut pair_rate, mut ratio) = (None, None);
     if let Some(twin) = twin.filter(|_| loops > 0.0) {
         let rate = twin.pairs as f64 / loops;

@@ -51,7 +51,7 @@ pub static FLOWS: [Flow; 13] = [
     delta("dam-break-2d-200k", Geometry::Plane, 309, 3, false),
     delta("dam-break-2d-1m", Geometry::Plane, 700, 1, false),
     delta("dam-break-3d-35k", Geometry::Post, 20, 5, false),
-    delta("dam-break-3d-300k", Geometry::Post, 50, 1, false),
+    delta("dam-break-3d-300k", Geometry::Post, 49, 1, false),
     isph("dam-break-isph-1k4", 19, 10, true),
     isph("dam-break-isph-5k", 42, 10, true),
     isph("dam-break-isph-20k", 91, 5, false),

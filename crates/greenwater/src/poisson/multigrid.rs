@@ -23,9 +23,17 @@ const SLOWEST: f64 = 0.7;
 /// Damping of the step that smooths the prolongation: 4/3 over the largest eigenvalue.
 const DAMPING: f32 = 4.0 / 3.0;
 
-/// Lowest eigenvalue that smoothing aims at, over the largest. An aggregate spans about four rows of particles, so the next level
-/// sees what is slower than a sixteenth of the fastest.
-const SMOOTH_FROM: f32 = 1.0 / 12.0;
+/// Entry of a row, over the diagonals of both rows, from which they are gathered together on the finest level; half of it below. The farther half of
+/// the neighbours of a particle is weaker than that: aggregates are three particles wide rather than five, and a cycle
+/// takes two thirds of the iterations.
+const STRENGTH: f64 = 0.025;
+
+/// Lowest eigenvalue that smoothing aims at, over the largest: the next level sees what is slower.
+const SMOOTH_FROM: f32 = 0.25;
+
+/// Step of the damped Jacobi sweeps on the finest level, over that which takes the fastest error to zero. One sweep before and one after the
+/// levels below cost half of two each, and a fifth more iterations.
+const FINEST: f32 = 1.8;
 
 /// Shift of the diagonal of the coarsest level: pressure of a closed part of the fluid is known up to a constant, and the inverse
 /// must exist. Single precision does not resolve less.
@@ -77,8 +85,8 @@ impl Level {
         a.with_single(e, r, |_, ae, r| r.iter_mut().zip(ae).for_each(|(r, ae)| *r -= ae));
     }
 
-    /// Adds the correction `c` of the next level and smooths; `set(x_i, &mut out_i)` takes the solution.
-    fn ascend<T: Send>(&mut self, a: &Sliced, out: &mut [T], set: impl Fn(f32, &mut T) + Sync) {
+    /// Adds the correction `c` of the next level and smooths, into `x`.
+    fn ascend(&mut self, a: &Sliced, x: &mut [f32]) {
         let Self { d, e, r, c, .. } = self;
         let inverse = a.inverse();
         // What is known so far is d + e + c; `e` makes room for the next correction.
@@ -90,10 +98,10 @@ impl Level {
             }
         });
         let (d, e, r, c) = (&*d, &*e, &*r, &*c);
-        a.with_single(e, out, |at, ae, out| {
+        a.with_single(e, x, |at, ae, x| {
             let known = d[at.clone()].iter().zip(&c[at.clone()]).zip(&e[at.clone()]).zip(&r[at.clone()]).zip(&inverse[at]);
-            for ((out, ae), ((((d, c), e), r), inverse)) in out.iter_mut().zip(ae).zip(known) {
-                set(d + c + e + (KEEP * e + ADD * inverse * (r - ae)), out);
+            for ((x, ae), ((((d, c), e), r), inverse)) in x.iter_mut().zip(ae).zip(known) {
+                *x = d + c + e + (KEEP * e + ADD * inverse * (r - ae));
             }
         });
     }
@@ -108,9 +116,10 @@ fn for_all(v: &mut [f32], change: impl Fn(Range<usize>, &mut [f32]) + Sync) {
     }
 }
 
-/// A V-cycle with smoothing by Chebyshev polynomials of degree 2: symmetric and positive, so that conjugate gradients may use it.
+/// A V-cycle with one damped Jacobi sweep each way on the finest level and Chebyshev polynomials of degree 2 below: symmetric and positive, so
+/// that conjugate gradients may use it.
 ///
-/// Aggregates are the neighbourhoods of rows that no earlier aggregate touches. The prolongation is piecewise constant smoothed by
+/// Aggregates are the neighbourhoods of rows, by strong ties, that no earlier aggregate touches. The prolongation is piecewise constant smoothed by
 /// one step of damped Jacobi, `P = (I − 4/(3 λ) D⁻¹A) T`; coarse operators are `Pᵀ A P`. All in single precision: a preconditioner
 /// need not be exact, and half the bytes are half the time. Every sum has one order, whatever the number of threads.
 ///
@@ -162,7 +171,7 @@ impl Multigrid {
             let a = if here == 0 { a } else { &above[here - 1] };
             let level = &mut self.levels[here];
             level.resize(a.rows());
-            if self.depth == LEVELS || !level.coarsen(a, &mut next[0], &mut self.scratch) {
+            if self.depth == LEVELS || !level.coarsen(a, here == 0, &mut next[0], &mut self.scratch) {
                 let rows = a.rows();
                 return self.invert(here, rows);
             }
@@ -200,42 +209,55 @@ impl Multigrid {
         }
         let scale = size / (r.len() as f64).sqrt();
         let (down, inverse) = (1.0 / scale, a.inverse());
-        let level = &mut self.levels[0];
-        for_all(&mut level.b, |at, b| b.iter_mut().zip(&r[at]).for_each(|(b, r)| *b = (down * r) as f32));
-        start(&mut level.d, &level.b, inverse);
-        self.cycle(0, a, z, |x, z| *z = scale * f64::from(x));
-    }
-
-    /// `x ≈ A⁻¹ b` on level `i`, whose `b` and `d` are set; `set(x_i, out_i)` takes it.
-    fn cycle<T: Send>(&mut self, i: usize, a: &Sliced, out: &mut [T], set: impl Fn(f32, &mut T) + Sync) {
-        self.levels[i].descend(a);
-        if i + 1 < self.depth {
-            let (above, below) = self.levels.split_at_mut(i + 1);
-            let (here, next) = (&mut above[i], &mut below[0]);
-            here.to_next.weigh(&here.r, &mut next.b, |_, sums, b| b.copy_from_slice(sums));
-            if i + 2 == self.depth && !self.inverse.is_empty() {
-                multiply(&self.inverse, &next.b, &mut next.x);
-            } else {
-                self.cycle_below(i + 1);
+        let Level { b, d, r: left, .. } = &mut self.levels[0];
+        for_all(b, |at, b| b.iter_mut().zip(&r[at]).for_each(|(b, r)| *b = (down * r) as f32));
+        start(d, FINEST, b, inverse);
+        let b = &*b;
+        a.with_single(d, left, |at, ad, left| {
+            for ((left, ad), b) in left.iter_mut().zip(ad).zip(&b[at]) {
+                *left = b - ad;
             }
-            let (above, below) = self.levels.split_at_mut(i + 1);
-            let (here, next) = (&mut above[i], &below[0]);
-            let Level { from_next, c, .. } = here;
-            from_next.weigh(&next.x, c, |_, sums, c| c.copy_from_slice(sums));
-        } else {
-            self.levels[i].c.fill(0.0);
-        }
-        self.levels[i].ascend(a, out, set);
+        });
+        self.correct(0);
+        let Level { d, r, c, .. } = &self.levels[0];
+        a.with_single(c, z, |at, ac, z| {
+            let known = d[at.clone()].iter().zip(&c[at.clone()]).zip(&r[at.clone()]).zip(&inverse[at]);
+            for ((z, ac), (((d, c), r), inverse)) in z.iter_mut().zip(ac).zip(known) {
+                *z = scale * f64::from(d + c + FINEST * inverse * (r - ac));
+            }
+        });
     }
 
-    /// A cycle on one of the levels that are kept here, into its `x`.
-    fn cycle_below(&mut self, i: usize) {
+    /// `c`: what the levels below level `i` make of its residual `r`.
+    fn correct(&mut self, i: usize) {
+        if i + 1 == self.depth {
+            self.levels[i].c.fill(0.0);
+            return;
+        }
+        let (above, below) = self.levels.split_at_mut(i + 1);
+        let (here, next) = (&mut above[i], &mut below[0]);
+        here.to_next.weigh(&here.r, &mut next.b, |_, sums, b| b.copy_from_slice(sums));
+        if i + 2 == self.depth && !self.inverse.is_empty() {
+            multiply(&self.inverse, &next.b, &mut next.x);
+        } else {
+            self.cycle(i + 1);
+        }
+        let (above, below) = self.levels.split_at_mut(i + 1);
+        let (here, next) = (&mut above[i], &below[0]);
+        let Level { from_next, c, .. } = here;
+        from_next.weigh(&next.x, c, |_, sums, c| c.copy_from_slice(sums));
+    }
+
+    /// `x ≈ A⁻¹ b` on level `i`, one of those that are kept here.
+    fn cycle(&mut self, i: usize) {
         let a = std::mem::take(&mut self.below[i - 1]);
         let mut x = std::mem::take(&mut self.levels[i].x);
         x.resize(a.rows(), 0.0);
         let Level { b, d, .. } = &mut self.levels[i];
-        start(d, b, a.inverse());
-        self.cycle(i, &a, &mut x, |value, x| *x = value);
+        start(d, START, b, a.inverse());
+        self.levels[i].descend(&a);
+        self.correct(i);
+        self.levels[i].ascend(&a, &mut x);
         self.levels[i].x = x;
         self.below[i - 1] = a;
     }
@@ -243,13 +265,14 @@ impl Multigrid {
 
 impl Level {
     /// Makes the matrix of the next level and the ways to it; whether there is one.
-    fn coarsen(&mut self, a: &Sliced, next: &mut Sliced, scratch: &mut Scratch) -> bool {
+    fn coarsen(&mut self, a: &Sliced, finest: bool, next: &mut Sliced, scratch: &mut Scratch) -> bool {
         let rows = a.rows();
         let Scratch { aggregate, from_next, to_next, product, next: square, work, .. } = scratch;
         if rows <= COARSEST {
             return false;
         }
-        let count = rows::aggregate(a, aggregate);
+        let strength = if finest { STRENGTH } else { 0.5 * STRENGTH };
+        let count = rows::aggregate(a, strength, aggregate);
         if count == 0 || count as f64 > SLOWEST * rows as f64 {
             return false;
         }
@@ -264,11 +287,11 @@ impl Level {
     }
 }
 
-/// `d = START D⁻¹ b`.
-fn start(d: &mut [f32], b: &[f32], inverse: &[f32]) {
+/// `d = step D⁻¹ b`.
+fn start(d: &mut [f32], step: f32, b: &[f32], inverse: &[f32]) {
     for_all(d, |at, d| {
         for ((d, b), inverse) in d.iter_mut().zip(&b[at.clone()]).zip(&inverse[at]) {
-            *d = START * inverse * b;
+            *d = step * inverse * b;
         }
     });
 }

@@ -23,6 +23,12 @@ const OLDEST: usize = 20;
 /// Iterations for a decade of the residual, over those of the solve after the build, from which a kept multigrid is too old.
 const WORN: f64 = 1.5;
 
+/// Share of what the start left that a solve of a sliced matrix may leave.
+const LEFT: f64 = 0.1;
+
+/// Relative residual that is rounding: weights have seven digits, and sums of them some more.
+const SLICED_ROUNDING: f64 = 1e-10;
+
 /// A multigrid that was built for an earlier matrix: it stays symmetric and positive, and slowly loses what it does.
 #[derive(Clone, Copy, Debug)]
 struct Kept {
@@ -101,6 +107,10 @@ impl LinearSolver {
     /// `|b − A x| ≤ tolerance · max(|b|, size)`; the residual of the report is over the same. `size` is that of an equation of which this one
     /// corrects the solution, or 0.
     ///
+    /// What the start leaves is reduced to a tenth in any case, unless it is rounding: where most of `b` never changes, such as the weight of
+    /// still water, a start may be good enough for its size and still hold all that has happened since the solve before, which
+    /// must not be left to grow.
+    ///
     /// Levels below the matrix are kept from solve to solve as in [`solve`](Self::solve).
     ///
     /// # Errors
@@ -118,7 +128,7 @@ impl LinearSolver {
         }
         self.vectors.resize(a.rows());
         let SolverSettings { tolerance, max_iterations, .. } = self.settings;
-        let (mut from, mut before) = (f64::NAN, 0);
+        let (mut from, mut before, mut goal) = (f64::NAN, 0, tolerance);
         loop {
             self.vectors.r.copy_from_slice(b);
             a.with_double(x, &mut self.vectors.r, |ax, r| *r -= ax);
@@ -127,14 +137,17 @@ impl LinearSolver {
             if !(report.residual.is_finite() && size.is_normal()) {
                 return Err(sliced_not_finite(a, b, x, size, &report, last));
             }
-            if report.residual <= tolerance {
+            if report.iterations == 0 {
+                goal = tolerance.min((LEFT * report.residual).max(SLICED_ROUNDING));
+            }
+            if report.residual <= goal {
                 self.look_after(report.iterations - before, from / report.residual);
                 report.seconds = started.elapsed().as_secs_f64();
                 return Ok(report);
             }
             if report.iterations >= max_iterations {
                 let SolveReport { iterations, residual, .. } = report;
-                return Err(SolveError::NotConverged { iterations, residual, tolerance });
+                return Err(SolveError::NotConverged { iterations, residual, tolerance: goal });
             }
             if from.is_nan() {
                 (from, before) = (report.residual, report.iterations);
@@ -145,8 +158,8 @@ impl LinearSolver {
                 report.setup_seconds = setup.elapsed().as_secs_f64();
             }
             let left = max_iterations - report.iterations;
-            let budget = left.min(self.patience((report.residual / tolerance).log10()));
-            match krylov::cg_sliced(a, &mut self.preconditioner, (tolerance * size, budget), x, &mut self.vectors) {
+            let budget = left.min(self.patience((report.residual / goal).log10()));
+            match krylov::cg_sliced(a, &mut self.preconditioner, (goal * size, budget), x, &mut self.vectors) {
                 Ok(iterations) => {
                     report.iterations += iterations;
                     if iterations == budget && budget < left {

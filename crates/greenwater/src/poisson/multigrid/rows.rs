@@ -190,18 +190,23 @@ impl Rows {
     }
 }
 
-/// Numbers the aggregate of each row, and answers how many there are. Rows connected to no other belong to none.
-pub(super) fn aggregate(a: &Sliced, aggregate: &mut Vec<u32>) -> usize {
+/// Numbers the aggregate of each row, and answers how many there are. Rows are tied where `|a_ij|` is above `strength · √(a_ii a_jj)`. Rows
+/// connected to no other belong to none.
+pub(super) fn aggregate(a: &Sliced, strength: f64, aggregate: &mut Vec<u32>) -> usize {
     let n = a.rows();
     aggregate.clear();
     aggregate.resize(n, NONE);
     let mut count = 0u32;
-    let others = |i: usize| a.row(i).map(|(j, _)| j as usize).filter(move |&j| j != i);
+    let tied = |i: usize| {
+        let least = strength * strength * a.diagonal(i);
+        let others = a.row(i).map(|(j, weight)| (j as usize, f64::from(weight)));
+        others.filter(move |&(j, weight)| j != i && weight * weight > least * a.diagonal(j)).map(|(j, _)| j)
+    };
     // Whole neighbourhoods that nothing has touched yet.
     for i in 0..n {
-        if aggregate[i] == NONE && others(i).next().is_some() && others(i).all(|j| aggregate[j] == NONE) {
+        if aggregate[i] == NONE && tied(i).next().is_some() && tied(i).all(|j| aggregate[j] == NONE) {
             aggregate[i] = count;
-            others(i).for_each(|j| aggregate[j] = count);
+            tied(i).for_each(|j| aggregate[j] = count);
             count += 1;
         }
     }
@@ -223,6 +228,7 @@ pub(super) fn aggregate(a: &Sliced, aggregate: &mut Vec<u32>) -> usize {
     }
     aggregate.iter_mut().filter(|of| **of != NONE).for_each(|of| *of &= !JOINED);
     // Remnants beside none.
+    let others = |i: usize| a.row(i).map(|(j, _)| j as usize).filter(move |&j| j != i);
     for i in 0..n {
         if aggregate[i] == NONE && others(i).next().is_some() {
             aggregate[i] = count;
