@@ -111,6 +111,63 @@ impl Real for f64 {
 #[repr(C, align(64))]
 pub(crate) struct Record(pub [f64; LANES]);
 
+/// Lists of rows, eights behind eights.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Octets {
+    rows: Vec<u32>,
+    /// Above every row.
+    bound: usize,
+}
+
+/// Eight rows of records that are there.
+#[derive(Clone, Copy)]
+pub(crate) struct Eight<'a> {
+    rows: &'a [u32; LANES],
+    /// More than any of the rows.
+    records: &'a [Record],
+}
+
+impl Octets {
+    /// Replaces all rows.
+    pub fn replace(&mut self, rows: &[u32]) {
+        self.rows.clear();
+        if self.rows.capacity() < rows.len() {
+            self.rows.reserve_exact(rows.len() + rows.len() / 16);
+        }
+        self.rows.extend_from_slice(rows);
+        self.bound = rows.iter().fold(0, |last, &row| last.max(row)) as usize + 1;
+    }
+
+    /// All rows.
+    #[inline(always)]
+    pub fn rows(&self) -> &[u32] {
+        &self.rows
+    }
+
+    /// The eights of a range of rows, whole ones only, of `records`.
+    ///
+    /// # Panics
+    /// A row, of this range or not, is beyond the records.
+    #[inline(always)]
+    pub fn of<'a>(&'a self, range: std::ops::Range<usize>, records: &'a [Record]) -> impl Iterator<Item = Eight<'a>> {
+        assert!(self.bound <= records.len(), "rows up to {} of {} records", self.bound, records.len());
+        self.rows[range].as_chunks().0.iter().map(move |rows| Eight { rows, records })
+    }
+
+    /// Memory held, bytes.
+    pub fn bytes(&self) -> usize {
+        4 * self.rows.capacity()
+    }
+}
+
+impl<'a> Eight<'a> {
+    /// The rows.
+    #[inline(always)]
+    pub fn rows(self) -> &'a [u32; LANES] {
+        self.rows
+    }
+}
+
 /// A vector of [`LANES`] numbers.
 pub(crate) trait Lanes: Real {
     /// The numbers in order.
@@ -119,11 +176,8 @@ pub(crate) trait Lanes: Real {
     /// The numbers in order.
     fn to_array(self) -> [f64; LANES];
 
-    /// Field by field, what the records of eight `rows` hold.
-    ///
-    /// # Panics
-    /// A row beyond the records.
-    fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES];
+    /// Field by field, what eight records hold.
+    fn gather(eight: Eight<'_>) -> [Self; LANES];
 
     /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))`.
     fn total(self) -> f64;
@@ -270,8 +324,8 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
-        let of = rows.map(|row| &records[row as usize].0);
+    fn gather(eight: Eight<'_>) -> [Self; LANES] {
+        let of = eight.rows.map(|row| &eight.records[row as usize].0);
         std::array::from_fn(|field| Self(of.map(|record| record[field])))
     }
 
@@ -282,23 +336,16 @@ impl Lanes for Portable {
     }
 }
 
-/// What happens where a row lies beyond the records.
-#[cfg(target_arch = "x86_64")]
-#[cold]
-#[inline(never)]
-fn beyond(rows: &[u32; LANES], count: usize) -> ! {
-    panic!("a row of {rows:?} is beyond {count} records");
-}
-
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     //! SAFETY of every block below: values of these types are made only inside [`super::dispatch`], behind a test that the machine
-    //! has the instructions; loads are from references to arrays of the right size, or from records whose rows were checked.
+    //! has the instructions; loads are from references to arrays of the right size, or from the records of an [`Eight`], whose rows are
+    //! below their number: only [`super::Octets::of`] makes one.
 
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
-    use super::{LANES, Lanes, Real, Record, beyond};
+    use super::{Eight, LANES, Lanes, Real, Record};
 
     /// One register of AVX-512.
     #[derive(Clone, Copy, Debug)]
@@ -392,12 +439,8 @@ mod x86 {
 
         /// Halves of two records share a register, so that three rounds of shuffles put eight fields in order.
         #[inline(always)]
-        fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
+        fn gather(Eight { rows, records }: Eight<'_>) -> [Self; LANES] {
             unsafe {
-                let count = _mm256_set1_epi32(records.len().min(u32::MAX as usize) as i32);
-                if _mm256_cmpge_epu32_mask(_mm256_loadu_si256(rows.as_ptr().cast()), count) != 0 {
-                    beyond(rows, records.len());
-                }
                 let [a, b, c, d] = four_fields::<0>(records, rows);
                 let [e, f, g, h] = four_fields::<4>(records, rows);
                 [a, b, c, d, e, f, g, h]
@@ -565,14 +608,8 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn gather(records: &[Record], rows: &[u32; LANES]) -> [Self; LANES] {
+        fn gather(Eight { rows, records }: Eight<'_>) -> [Self; LANES] {
             unsafe {
-                let (all, count) =
-                    (_mm256_loadu_si256(rows.as_ptr().cast()), _mm256_set1_epi32(records.len().min(u32::MAX as usize) as i32));
-                // Where the row is the larger of row and count, it is beyond.
-                if _mm256_movemask_epi8(_mm256_cmpeq_epi32(_mm256_max_epu32(all, count), all)) != 0 {
-                    beyond(rows, records.len());
-                }
                 let (a, b) = (four_by_four::<0, 0>(records, rows), four_by_four::<4, 0>(records, rows));
                 let (c, d) = (four_by_four::<0, 4>(records, rows), four_by_four::<4, 4>(records, rows));
                 [
@@ -730,7 +767,9 @@ mod tests {
     impl Job for Everything<'_> {
         fn run<L: Lanes>(self) {
             let rows = [3, 0, 2, 1, 3, 3, 0, 2];
-            let fields = L::gather(self.records, &rows);
+            let mut octets = Octets::default();
+            octets.replace(&rows);
+            let fields = L::gather(octets.of(0..LANES, self.records).next().unwrap());
             for field in fields {
                 self.out.extend(field.to_array());
             }
@@ -781,24 +820,18 @@ mod tests {
     #[test]
     fn lanes_hold_the_records_in_order_and_add_up_by_halves() {
         let records: Vec<Record> = (0..9).map(|row| Record(std::array::from_fn(|field| f64::from(10 * row) + field as f64))).collect();
-        let rows = [8, 1, 2, 3, 4, 5, 6, 7];
-        let fields = Portable::gather(&records, &rows);
+        let mut octets = Octets::default();
+        octets.replace(&[8, 1, 2, 3, 4, 5, 6, 7]);
+        let fields = Portable::gather(octets.of(0..LANES, &records).next().unwrap());
         assert_eq!(fields[2].0, [82.0, 12.0, 22.0, 32.0, 42.0, 52.0, 62.0, 72.0]);
         assert_eq!(Portable([1e16, 1.0, 1.0, 1.0, -1e16, 0.0, 0.0, 0.0]).total(), 3.0);
     }
 
     #[test]
-    #[should_panic(expected = "beyond 4 records")]
+    #[should_panic(expected = "rows up to 5 of 4 records")]
     fn rows_beyond_the_records_are_refused() {
-        struct Beyond;
-        impl Job for Beyond {
-            fn run<L: Lanes>(self) {
-                let _ = L::gather(&[Record::default(); 4], &[0, 0, 0, 0, 0, 0, 4, 0]);
-            }
-        }
-        let set = InstructionSet::of_this_machine();
-        // Portable loads are checked by the compiler, with words of its own.
-        assert!(set != InstructionSet::Portable, "beyond 4 records");
-        dispatch(set, Beyond);
+        let mut octets = Octets::default();
+        octets.replace(&[0, 0, 0, 0, 0, 0, 4, 0]);
+        let _ = octets.of(0..LANES, &[Record::default(); 4]);
     }
 }

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::lanes::{InstructionSet, Job, LANES, Lanes, Record, dispatch};
+use crate::lanes::{Eight, InstructionSet, Job, LANES, Lanes, Octets, Record, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 use crate::sweep::BLOCK;
@@ -68,7 +68,7 @@ pub struct Neighbors<const D: usize> {
 struct Segment {
     /// Where the neighbours of each particle end in `list`.
     ends: Vec<u32>,
-    list: Vec<u32>,
+    list: Octets,
 }
 
 impl Segment {
@@ -88,6 +88,8 @@ pub(crate) struct Octet<'a, L, const D: usize> {
     pub fields: [L; LANES],
     /// `x_a − x_b`, m.
     pub x_ab: [L; D],
+    /// `|x_a − x_b|²`, m².
+    pub square: L,
     /// `|x_a − x_b|`, m.
     pub r: L,
 }
@@ -183,11 +185,7 @@ impl<const D: usize> Neighbors<D> {
                 segment.ends.push(list.len() as u32);
             }
             list.resize(list.len().next_multiple_of(LANES), nobody);
-            segment.list.clear();
-            if segment.list.capacity() < list.len() {
-                segment.list.reserve_exact(list.len() + list.len() / 16);
-            }
-            segment.list.extend_from_slice(list);
+            segment.list.replace(list);
         });
     }
 
@@ -224,15 +222,15 @@ impl<const D: usize> Neighbors<D> {
     #[inline(always)]
     pub fn of(&self, a: usize) -> &[u32] {
         let segment = &self.segments[a / BLOCK];
-        &segment.list[segment.range(a % BLOCK)]
+        &segment.list.rows()[segment.range(a % BLOCK)]
     }
 
-    /// Rows of the neighbours of `a` by eights, the last ones filled up.
+    /// The neighbours of `a` by eights, the last ones filled up, in `records`.
     #[inline(always)]
-    fn octets(&self, a: usize) -> &[[u32; LANES]] {
+    fn octets<'a>(&'a self, a: usize, records: &'a [Record]) -> impl Iterator<Item = Eight<'a>> {
         let segment = &self.segments[a / BLOCK];
         let range = segment.range(a % BLOCK);
-        segment.list[range.start..range.end.next_multiple_of(LANES)].as_chunks().0
+        segment.list.of(range.start..range.end.next_multiple_of(LANES), records)
     }
 
     /// The sum of `term` over the neighbours of `a`, eight at a time; its lanes are not yet added up. `records` hold one a particle and
@@ -241,15 +239,15 @@ impl<const D: usize> Neighbors<D> {
     pub(crate) fn sum<L: Lanes, T: Term<L, D>>(&self, a: usize, records: &[Record], term: &T) -> T::Totals {
         let own = records[a].0;
         let mut totals = term.nothing();
-        for rows in self.octets(a) {
-            let fields = L::gather(records, rows);
+        for eight in self.octets(a, records) {
+            let fields = L::gather(eight);
             let mut x_ab = [L::splat(0.0); D];
             let mut square = L::splat(0.0);
             for d in 0..D {
                 x_ab[d] = L::splat(own[d]) - fields[d];
                 square = x_ab[d].times_plus(x_ab[d], square);
             }
-            term.add(&Octet { rows, fields, x_ab, r: square.root() }, &mut totals);
+            term.add(&Octet { rows: eight.rows(), fields, x_ab, square, r: square.root() }, &mut totals);
         }
         totals
     }
@@ -319,7 +317,7 @@ impl<const D: usize> Neighbors<D> {
         let segment = &self.segments[block];
         let range = segment.range(i);
         let x_a = self.x[a];
-        for (&b, &value) in segment.list[range.clone()].iter().zip(&column.segments[block][range]) {
+        for (&b, &value) in segment.list.rows()[range.clone()].iter().zip(&column.segments[block][range]) {
             let b = b as usize;
             each(b, x_a - self.x[b], value);
         }
@@ -338,7 +336,7 @@ impl<const D: usize> Neighbors<D> {
 
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
-        let lists: usize = self.segments.iter().map(|s| 4 * (s.ends.capacity() + s.list.capacity())).sum();
+        let lists: usize = self.segments.iter().map(|s| 4 * s.ends.capacity() + s.list.bytes()).sum();
         lists + self.x.capacity() * size_of::<Vector<D>>() + 8 * self.h.capacity() + self.grid.bytes()
     }
 }

@@ -105,7 +105,8 @@ fn page(rows: &[Row]) -> String {
         method, one thread; `bench/naive.rs`, held to the library to round-off by a test), and two ceilings of the machine.\n\n\
         A *particle-step* is one evaluation of pressure, forces and density rates of one particle, walls included. A step of `delta-sph` holds several such \
         sound steps; its search, surface and shifting are shared out over them. A *pair* is a neighbour within the support of the kernel, counted from the side \
-        of each fluid particle; the list holds more, for its skin.\n"
+        of each fluid particle; the list holds more, for its skin. `delta-sph` goes through the pairs twice in a sound step, for forces at its middle and for rates of \
+        density at its end, and pairs/s counts both; the plain loop has all terms in one. *Over the plain loop* compares times for all terms.\n"
         .to_owned();
     ceilings(&mut page, rows);
     let goals = goals(rows);
@@ -487,7 +488,7 @@ fn goals(rows: &[Row]) -> Table {
     for (workload, step) in [("dam-break-2d-50k", 12e6), ("dam-break-3d-35k", 2.5e6)] {
         let row = find("step", workload, "delta-sph", 1);
         let pairs = row.and_then(|r| r.pair_evaluations_per_s);
-        goal(&format!("pair loops, {workload}, one thread"), ">= 450 M pairs/s", pairs.map(|p| 1e-6 * p), "M pairs/s", &|v| v >= 450.0);
+        goal(&format!("pairs of both loops, {workload}, one thread"), ">= 450 M pairs/s", pairs.map(|p| 1e-6 * p), "M pairs/s", &|v| v >= 450.0);
         goal(&format!("pair loops over the plain loop, {workload}"), ">= 3", row.and_then(|r| r.ratio_to_naive), "", &|v| v >= 3.0);
         let rate = row.and_then(|r| r.particle_steps_per_s);
         goal(

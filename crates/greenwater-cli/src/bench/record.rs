@@ -56,7 +56,8 @@ pub struct Record {
     /// Particles times steps over seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub particle_steps_per_s: Option<f64>,
-    /// Pairs within the support of the kernel over the least time: listed, or gone through by the pair loops of an evaluation.
+    /// Pairs within the support of the kernel over the least time: listed, or gone through by the pair loops of an evaluation, by each of
+    /// them once.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pair_evaluations_per_s: Option<f64>,
     /// Memory of what is measured, over particles.

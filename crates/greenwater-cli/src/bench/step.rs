@@ -15,7 +15,7 @@ use super::watch::{Lap, Watch, repeated, seconds};
 use super::workloads::Flow;
 use super::{BenchError, Clock, Plan, memory, with_threads};
 
-/// Phases of a weakly compressible step that go through the pairs of an evaluation: forces, and rates of density.
+/// Phases of a weakly compressible step that go through the pairs of an evaluation, each once: forces, and rates of density.
 const PAIR_LOOPS: [&str; 2] = ["forces", "density"];
 
 /// What the plain list and loop gave, on one thread: once for a flow, whatever the threads.
@@ -200,7 +200,7 @@ fn record(flow: &Flow, threads: usize, timed: &Timed, twin: Option<&Twin>, sessi
     let (mut pair_rate, mut ratio) = (None, None);
     if let Some(twin) = twin.filter(|_| loops > 0.0) {
         let rate = twin.pairs as f64 / loops;
-        pair_rate = Some(rate);
+        pair_rate = Some(PAIR_LOOPS.len() as f64 * rate);
         ratio = Some(twin.sums / loops);
         extra.insert("pairs".into(), json!(twin.pairs));
         extra.insert("neighbours".into(), json!(twin.pairs as f64 / timed.fluid.max(1) as f64));

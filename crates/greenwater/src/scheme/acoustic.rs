@@ -84,8 +84,9 @@ pub(super) struct Side<L, const D: usize> {
 pub(super) struct Between<L: Real, const D: usize> {
     /// `x_a − x_b`, m.
     pub x_ab: [L; D],
-    /// Distance, m.
+    /// Distance, m, and its square, m².
     pub r: L,
+    pub square: L,
     /// Mean smoothing length, m.
     pub h: L,
     /// Whether one of the two belongs to a wall.

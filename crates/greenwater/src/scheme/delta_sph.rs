@@ -324,7 +324,7 @@ impl<const D: usize> Flux<D> for DeltaFlux {
         let pressed = if self.wall_pulls { pressure } else { L::choose(pair.wall, pressure.at_least(nothing), pressure) };
         let mut along = -pressed;
         if self.alpha > 0.0 {
-            let approach = dot(&v_ab, &pair.x_ab) / pair.r.times_plus(pair.r, pair.h * pair.h * 0.01);
+            let approach = dot(&v_ab, &pair.x_ab) / (pair.square + pair.h * pair.h * 0.01);
             // What the fluid's own viscosity leaves to do.
             let own = 2.0 * (D as f64 + 2.0) * self.viscosity;
             let strength = (pair.h * (self.alpha * self.sound * self.rest) - own).at_least(nothing);

@@ -114,8 +114,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             if diagonal > 0.0 { diagonal } else { 1.0 }
         });
         let mut harmonic = vec![0.0; owned];
-        LinearSolver::new(SolverSettings { preconditioner: PreconditionerKind::Multigrid, tolerance: RESIDUAL, ..SolverSettings::default() })?
-            .solve_sliced(&matrix, &source, &mut harmonic, 0.0)?;
+        LinearSolver::new(SolverSettings {
+            preconditioner: PreconditionerKind::Multigrid,
+            tolerance: RESIDUAL,
+            ..SolverSettings::default()
+        })?
+        .solve_sliced(&matrix, &source, &mut harmonic, 0.0)?;
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
             let q = if free(a) { harmonic[a] } else { q[a] };
             p.density[a] = state.density((p.pressure[a] + q).max(0.0));

@@ -88,7 +88,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
         let b = Seen::<L, D>::of(&octet.fields);
         let dw = b.mass * self.reach.slope(octet);
         add_scaled(&mut totals.concentration, dw, &octet.x_ab);
-        totals.filled = (dw * octet.r).times_plus(octet.r, totals.filled);
+        totals.filled = dw.times_plus(octet.square, totals.filled);
         let v_ab = difference(&self.v, &b.v);
         for i in 0..D {
             add_scaled(&mut totals.change[i], dw * v_ab[i], &octet.x_ab);
@@ -407,7 +407,7 @@ impl<const D: usize> LinearPair<D> {
         let (r, h) = (x_ab.norm(), 0.5 * (lengths[a] + lengths[b]));
         let (w, dw) = (pairs.kernel.w(r, h), pairs.kernel.dw_over_r(r, h));
         let grad = [linear[a].gradient(-x_ab, w, dw), linear[b].gradient(x_ab, w, dw)];
-        Self { between: Between { x_ab: x_ab.0, r, h, wall: records[b].is_wall::<D>() }, dw, grad }
+        Self { between: Between { x_ab: x_ab.0, r, square: r * r, h, wall: records[b].is_wall::<D>() }, dw, grad }
     }
 }
 
@@ -429,7 +429,7 @@ impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for Push<'_,
     #[inline(always)]
     fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
         let b = Seen::<L, D>::of(&octet.fields);
-        let pair = Between { x_ab: octet.x_ab, r: octet.r, h: self.reach.lengths(octet.rows), wall: b.wall };
+        let pair = Between { x_ab: octet.x_ab, r: octet.r, square: octet.square, h: self.reach.lengths(octet.rows), wall: b.wall };
         let other = Side { v: b.v, pressure: b.value, own: b.value };
         add_scaled(totals, b.mass * self.reach.slope(octet), &self.flux.force(self.own, other, pair));
     }
@@ -461,7 +461,8 @@ impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for PushBack
         let inside = L::from_array(inside).below(L::splat(0.0));
         let fluid = Side { v: b.v, pressure: b.value, own: self.flux.own_pressure(b.value, inside) };
         let everywhere = L::splat(0.0).below(L::splat(1.0));
-        let pair = Between { x_ab: octet.x_ab, r: octet.r, h: self.reach.lengths(octet.rows), wall: everywhere }.turned();
+        let pair =
+            Between { x_ab: octet.x_ab, r: octet.r, square: octet.square, h: self.reach.lengths(octet.rows), wall: everywhere }.turned();
         let mass = L::choose(b.wall, L::splat(0.0), b.mass);
         add_scaled(totals, mass * self.reach.slope(octet), &self.flux.force(fluid, self.own, pair));
     }
@@ -580,7 +581,7 @@ impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for Rate<'_,
         }
         let nothing = L::splat(0.0);
         let own = Side { v: self.v, pressure: nothing, own: nothing };
-        let pair = Between { x_ab: octet.x_ab, r: octet.r, h: self.reach.lengths(octet.rows), wall: b.wall };
+        let pair = Between { x_ab: octet.x_ab, r: octet.r, square: octet.square, h: self.reach.lengths(octet.rows), wall: b.wall };
         let rate = self.flux.rate(own, Side { v: b.v, ..own }, pair, jump(self.density, b.value, rise));
         let dw = b.mass * self.reach.slope(octet);
         totals[0] = dw.times_plus(rate, totals[0]);
