@@ -182,6 +182,10 @@ pub(crate) trait Lanes: Real {
     /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))`.
     fn total(self) -> f64;
 
+    /// Writes those of the first `count` of eight rows that the mask does not say to the start of `to`, in order, and answers how many they
+    /// are; what is behind them is anything.
+    fn without(mask: Self::Mask, rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize;
+
     /// The entries of a column at eight `rows`.
     ///
     /// # Panics
@@ -330,6 +334,17 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
+    fn without(mask: [bool; LANES], rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize {
+        // Each row is written, and the next one over it unless it stays: no branch that nobody can foresee.
+        let mut kept = 0;
+        for lane in 0..count.min(LANES) {
+            to[kept] = rows[lane];
+            kept += usize::from(!mask[lane]);
+        }
+        kept
+    }
+
+    #[inline(always)]
     fn total(self) -> f64 {
         let [a, b, c, d, e, f, g, h] = self.0;
         ((a + e) + (c + g)) + ((b + f) + (d + h))
@@ -445,6 +460,16 @@ mod x86 {
                 let [e, f, g, h] = four_fields::<4>(records, rows);
                 [a, b, c, d, e, f, g, h]
             }
+        }
+
+        #[inline(always)]
+        fn without(mask: __mmask8, rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize {
+            let stays = !mask & ((1_u32 << count.min(LANES)) - 1) as __mmask8;
+            unsafe {
+                let kept = _mm256_maskz_compress_epi32(stays, _mm256_loadu_si256(rows.as_ptr().cast()));
+                _mm256_storeu_si256(to.as_mut_ptr().cast(), kept);
+            }
+            stays.count_ones() as usize
         }
 
         #[inline(always)]
@@ -626,6 +651,17 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn without(mask: Self::Mask, rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize {
+            let goes = unsafe { _mm256_movemask_pd(mask.0) | (_mm256_movemask_pd(mask.1) << 4) };
+            let mut kept = 0;
+            for lane in 0..count.min(LANES) {
+                to[kept] = rows[lane];
+                kept += usize::from((goes >> lane) & 1 == 0);
+            }
+            kept
+        }
+
+        #[inline(always)]
         fn total(self) -> f64 {
             unsafe { total_of_four(_mm256_add_pd(self.0, self.1)) }
         }
@@ -793,6 +829,11 @@ mod tests {
                 self.out.extend(value.to_array());
                 self.out.push(value.total());
             }
+            let mut kept = [0; LANES];
+            for some in [LANES, 5, 0] {
+                let count = L::without(mask, &rows, some, &mut kept);
+                self.out.extend(kept[..count].iter().map(|&row| f64::from(row)));
+            }
             self.out.extend(L::choose(mask, a, b).to_array());
             self.out.extend(a.each(|x| x.abs() + 1.0).to_array());
             self.out.extend(L::pick(&[1.0, 2.0, 3.0, 4.0], &rows).to_array());
@@ -824,6 +865,10 @@ mod tests {
         octets.replace(&[8, 1, 2, 3, 4, 5, 6, 7]);
         let fields = Portable::gather(octets.of(0..LANES, &records).next().unwrap());
         assert_eq!(fields[2].0, [82.0, 12.0, 22.0, 32.0, 42.0, 52.0, 62.0, 72.0]);
+        let mut kept = [0; LANES];
+        let even = std::array::from_fn(|lane| lane % 2 == 0);
+        assert_eq!(Portable::without(even, &[8, 1, 2, 3, 4, 5, 6, 7], 7, &mut kept), 3);
+        assert_eq!(kept[..3], [1, 3, 5]);
         assert_eq!(Portable([1e16, 1.0, 1.0, 1.0, -1e16, 0.0, 0.0, 0.0]).total(), 3.0);
     }
 

@@ -155,45 +155,25 @@ impl<const D: usize> Neighbors<D> {
         self.h.clone_from(&p.h);
         self.nobody = p.len() as u32;
         self.segments.resize_with(p.owned().div_ceil(BLOCK), Segment::default);
+        let mut grid = std::mem::take(&mut self.grid);
         match search {
-            Search::Direct => {
-                self.grid.starts.clear();
-                self.list_by(p, |a, list| all_near(p, support, a, list));
-            }
-            Search::Grid => {
-                let mut grid = std::mem::take(&mut self.grid);
-                grid.sort(p, support * p.h_max());
-                self.list_by(p, |a, list| grid.near(a, p.x[a], p.h[a], support, list));
-                self.grid = grid;
-            }
+            Search::Direct => grid.starts.clear(),
+            Search::Grid => grid.sort(p, support * p.h_max()),
         }
-        Ok(())
-    }
-
-    /// Fills the segments in parallel; `near(a, list)` appends the neighbours of `a` to `list`.
-    fn list_by(&mut self, p: &Particles<D>, near: impl Fn(usize, &mut Vec<u32>) + Sync) {
-        let (owned, nobody) = (p.owned(), self.nobody);
+        let (set, nobody, grid_of) = (InstructionSet::of_this_machine(), self.nobody, &grid);
         // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
         self.segments.par_iter_mut().enumerate().for_each_init(Vec::new, |list, (block, segment)| {
-            segment.ends.clear();
-            list.clear();
-            for a in block * BLOCK..owned.min((block + 1) * BLOCK) {
-                list.resize(list.len().next_multiple_of(LANES), nobody);
-                if p.kind[a] != Kind::Lost {
-                    near(a, list);
-                }
-                segment.ends.push(list.len() as u32);
-            }
-            list.resize(list.len().next_multiple_of(LANES), nobody);
-            segment.list.replace(list);
+            dispatch(set, Listing { p, grid: grid_of, support, nobody, first: block * BLOCK, list, segment });
         });
+        self.grid = grid;
+        Ok(())
     }
 
     /// The real rows in the order of the cells of the last build, cell by cell: near each other in memory, near each other in space. Lost
     /// rows come last. Empty after a direct search.
     pub(crate) fn order(&self, p: &Particles<D>) -> Vec<u32> {
-        let sorted = &self.grid.entries[..if self.grid.starts.is_empty() { 0 } else { self.grid.entries.len() }];
-        sorted.iter().map(|entry| entry.row).filter(|&row| (row as usize) < p.owned()).collect()
+        let sorted = if self.grid.starts.is_empty() { &[] } else { &self.grid.rows[..self.x.len()] };
+        sorted.iter().copied().filter(|&row| (row as usize) < p.owned()).collect()
     }
 
     /// Takes the positions of now without a new search: pairs stay those of the build, their distances are today's.
@@ -341,6 +321,38 @@ impl<const D: usize> Neighbors<D> {
     }
 }
 
+/// Lists the neighbours of a block of particles.
+struct Listing<'a, const D: usize> {
+    p: &'a Particles<D>,
+    /// Without cells for a direct search.
+    grid: &'a Grid<D>,
+    support: f64,
+    nobody: u32,
+    first: usize,
+    list: &'a mut Vec<u32>,
+    segment: &'a mut Segment,
+}
+
+impl<const D: usize> Job for Listing<'_, D> {
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { p, grid, support, nobody, first, list, segment } = self;
+        segment.ends.clear();
+        list.clear();
+        for a in first..p.owned().min(first + BLOCK) {
+            list.resize(list.len().next_multiple_of(LANES), nobody);
+            match () {
+                () if p.kind[a] == Kind::Lost => {}
+                () if grid.starts.is_empty() => all_near(p, support, a, list),
+                () => grid.near::<L>(a, p.x[a], p.h[a], support, list),
+            }
+            segment.ends.push(list.len() as u32);
+        }
+        list.resize(list.len().next_multiple_of(LANES), nobody);
+        segment.list.replace(list);
+    }
+}
+
 /// Appends the neighbours of `a`, found by looking at every particle.
 fn all_near<const D: usize>(p: &Particles<D>, support: f64, a: usize, list: &mut Vec<u32>) {
     let (x_a, h_a) = (p.x[a], p.h[a]);
@@ -362,20 +374,25 @@ struct Grid<const D: usize> {
     /// First entry of each cell in `entries`; one more at the end.
     starts: Vec<u32>,
     cell_of: Vec<u32>,
-    entries: Vec<Entry<D>>,
-}
-
-/// What the search needs of a particle.
-#[derive(Clone, Copy, Debug, Default)]
-struct Entry<const D: usize> {
-    x: Vector<D>,
-    h: f64,
-    row: u32,
+    /// Particles in the order of their cells: positions, smoothing lengths, rows; each column longer by [`LANES`], so that eight can be
+    /// read from every place.
+    x: [Vec<f64>; D],
+    h: Vec<f64>,
+    rows: Vec<u32>,
 }
 
 impl<const D: usize> Default for Grid<D> {
     fn default() -> Self {
-        Self { min: Vector::ZERO, edge: 0.0, cells: [0; D], starts: Vec::new(), cell_of: Vec::new(), entries: Vec::new() }
+        Self {
+            min: Vector::ZERO,
+            edge: 0.0,
+            cells: [0; D],
+            starts: Vec::new(),
+            cell_of: Vec::new(),
+            x: std::array::from_fn(|_| Vec::new()),
+            h: Vec::new(),
+            rows: Vec::new(),
+        }
     }
 }
 
@@ -416,12 +433,21 @@ impl<const D: usize> Grid<D> {
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
-        self.entries.resize(p.len(), Entry::default());
+        self.rows.resize(p.len() + LANES, 0);
         for (row, &cell) in self.cell_of.iter().enumerate() {
             let slot = &mut self.starts[cell as usize + 1];
-            self.entries[*slot as usize] = Entry { x: p.x[row], h: p.h[row], row: row as u32 };
+            self.rows[*slot as usize] = row as u32;
             *slot += 1;
         }
+        let rows = &self.rows[..p.len()];
+        let fill = |column: &mut Vec<f64>, value: &(dyn Fn(usize) -> f64 + Sync)| {
+            column.resize(p.len() + LANES, 0.0);
+            crate::sweep::sweep(&mut column[..p.len()], |i| value(rows[i] as usize));
+        };
+        for (d, column) in self.x.iter_mut().enumerate() {
+            fill(column, &|row| p.x[row][d]);
+        }
+        fill(&mut self.h, &|row| p.h[row]);
     }
 
     fn cell(&self, x: Vector<D>) -> [usize; D] {
@@ -432,24 +458,42 @@ impl<const D: usize> Grid<D> {
         (0..D).fold(0, |index, d| index * self.cells[d] + cell[d]) as u32
     }
 
-    /// Appends the neighbours of particle `a`, which lies within the grid.
-    fn near(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, list: &mut Vec<u32>) {
+    /// Appends the neighbours of particle `a`, which lies within the grid, eight candidates at a time.
+    #[inline(always)]
+    fn near<L: Lanes>(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, list: &mut Vec<u32>) {
         let home = self.cell(x_a);
-        let first = home.map(|c| c.saturating_sub(1));
-        let last = std::array::from_fn(|d| (home[d] + 1).min(self.cells[d] - 1));
-        self.visit(first, last, |entries| {
-            // Every row is written and the next one over it unless it is near: cheaper than a branch that nobody can foresee.
-            let start = list.len();
-            list.resize(start + entries.len(), 0);
-            let room = &mut list[start..];
-            let mut found = 0;
-            for entry in entries {
-                let reach = support * (0.5 * (h_a + entry.h));
-                room[found] = entry.row;
-                found += usize::from(((x_a - entry.x).norm_squared() <= reach * reach) & (entry.row as usize != a));
+        let (mut first, mut last) = (home, home);
+        for d in 0..D {
+            first[d] = home[d].saturating_sub(1);
+            last[d] = (home[d] + 1).min(self.cells[d] - 1);
+        }
+        let start = list.len();
+        let mut row = first;
+        loop {
+            let run = self.run(row, last);
+            let mut found = list.len();
+            list.resize(found + run.len() + LANES, 0);
+            for i in run.clone().step_by(LANES) {
+                let reach = (L::splat(h_a) + L::from_array(eight(&self.h, i))) * (0.5 * support);
+                let mut square = L::splat(0.0);
+                for d in 0..D {
+                    let away = L::splat(x_a[d]) - L::from_array(eight(&self.x[d], i));
+                    square = square + away * away;
+                }
+                let mut near = [0; LANES];
+                let count = L::without((reach * reach).below(square), &eight(&self.rows, i), run.end - i, &mut near);
+                list[found..found + LANES].copy_from_slice(&near);
+                found += count;
             }
-            list.truncate(start + found);
-        });
+            list.truncate(found);
+            if !next_run(&mut row, first, last) {
+                break;
+            }
+        }
+        // Nobody is its own neighbour.
+        if let Some(own) = list[start..].iter().position(|&b| b as usize == a) {
+            list.remove(start + own);
+        }
     }
 
     /// Appends the rows near a point that need not lie within the grid.
@@ -458,36 +502,54 @@ impl<const D: usize> Grid<D> {
         if (0..D).any(|d| !(-1.0..=self.cells[d] as f64).contains(&cell(d))) {
             return;
         }
-        let first = std::array::from_fn(|d| (cell(d) - 1.0).max(0.0) as usize);
+        let first: [usize; D] = std::array::from_fn(|d| (cell(d) - 1.0).max(0.0) as usize);
         let last = std::array::from_fn(|d| ((cell(d) + 1.0) as usize).min(self.cells[d] - 1));
-        self.visit(first, last, |entries| {
-            let near = |entry: &&Entry<D>| {
-                let reach = support * (0.5 * (h + entry.h));
-                (x - entry.x).norm_squared() <= reach * reach
-            };
-            list.extend(entries.iter().filter(near).map(|entry| entry.row));
-        });
-    }
-
-    /// Shows the entries of the cells from `first` to `last`: rows of cells along the last axis in order, each one run of entries at once.
-    #[inline(always)]
-    fn visit(&self, first: [usize; D], last: [usize; D], mut each: impl FnMut(&[Entry<D>])) {
         let mut row = first;
         loop {
-            let from = self.starts[self.index(row) as usize] as usize;
-            let mut end_of_row = row;
-            end_of_row[D - 1] = last[D - 1];
-            let to = self.starts[self.index(end_of_row) as usize + 1] as usize;
-            each(&self.entries[from..to]);
-            let Some(axis) = (0..D - 1).rev().find(|&d| row[d] < last[d]) else { break };
-            row[axis] += 1;
-            row[axis + 1..D - 1].copy_from_slice(&first[axis + 1..D - 1]);
+            let near = |i: &usize| {
+                let reach = support * (0.5 * (h + self.h[*i]));
+                (x - Vector(std::array::from_fn(|d| self.x[d][*i]))).norm_squared() <= reach * reach
+            };
+            list.extend(self.run(row, last).filter(near).map(|i| self.rows[i]));
+            if !next_run(&mut row, first, last) {
+                break;
+            }
         }
     }
 
-    fn bytes(&self) -> usize {
-        4 * (self.starts.capacity() + self.cell_of.capacity()) + size_of::<Entry<D>>() * self.entries.capacity()
+    /// Where the particles of a row of cells along the last axis stand, from the cell `row` to that of `last`: one run.
+    #[inline(always)]
+    fn run(&self, row: [usize; D], last: [usize; D]) -> std::ops::Range<usize> {
+        let mut end = row;
+        end[D - 1] = last[D - 1];
+        self.starts[self.index(row) as usize] as usize..self.starts[self.index(end) as usize + 1] as usize
     }
+
+    fn bytes(&self) -> usize {
+        4 * (self.starts.capacity() + self.cell_of.capacity() + self.rows.capacity())
+            + 8 * (self.h.capacity() + self.x.iter().map(Vec::capacity).sum::<usize>())
+    }
+}
+
+/// The next row of cells between `first` and `last`; none after the last one.
+#[inline(always)]
+fn next_run<const D: usize>(row: &mut [usize; D], first: [usize; D], last: [usize; D]) -> bool {
+    for axis in (0..D - 1).rev() {
+        if row[axis] < last[axis] {
+            row[axis] += 1;
+            return true;
+        }
+        row[axis] = first[axis];
+    }
+    false
+}
+
+/// Eight entries of a column from `i` on.
+#[inline(always)]
+fn eight<T: Copy + Default>(column: &[T], i: usize) -> [T; LANES] {
+    let mut entries = [T::default(); LANES];
+    entries.copy_from_slice(&column[i..i + LANES]);
+    entries
 }
 
 /// Smallest box around finite points, m; the origin for none.

@@ -164,6 +164,33 @@ impl<const D: usize> Particles<D> {
         self.mass[a] / self.density[a]
     }
 
+    /// Makes this a copy of `other`, column by column in parallel.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.owned = other.owned;
+        rayon::scope(|scope| {
+            macro_rules! copy {
+                ($column:ident) => {{
+                    let (to, from) = (&mut self.$column, &other.$column);
+                    scope.spawn(move |_| to.clone_from(from));
+                }};
+            }
+            copy!(id);
+            copy!(kind);
+            copy!(layer);
+            copy!(x);
+            copy!(v);
+            copy!(mass);
+            copy!(density);
+            copy!(pressure);
+            copy!(h);
+            copy!(acceleration);
+            copy!(density_rate);
+            copy!(surface);
+            copy!(body);
+            copy!(force);
+        });
+    }
+
     /// Puts the real particles into another order: the one in row `order[a]` comes to row `a`. Drops all ghosts.
     pub(crate) fn reorder(&mut self, order: &[u32]) {
         self.drop_ghosts();
@@ -284,6 +311,9 @@ mod tests {
         p.push_ghost(0, Vector([9.0, 0.0]));
         p.reorder(&[2, 0, 1]);
         assert_eq!((p.owned(), p.len()), (3, 3));
+        let mut copy = Particles::new();
+        copy.copy_from(&p);
+        assert_eq!(copy, p);
         assert_eq!((p.id, p.mass), (vec![2, 0, 1], vec![2.0, 0.0, 1.0]));
     }
 

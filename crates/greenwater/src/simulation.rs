@@ -142,7 +142,7 @@ impl<const D: usize> Simulation<D> {
     /// The step failed; particles are then those before it.
     pub fn advance(&mut self) -> Result<(StepLimit, StepReport), RunError> {
         self.scheme.renumber(&mut self.particles);
-        self.last_good.clone_from(&self.particles);
+        self.last_good.copy_from(&self.particles);
         let limit = match self.fixed_step {
             Some(dt) => StepLimit::new(dt, "fixed"),
             None => self.scheme.time_step(&self.particles),

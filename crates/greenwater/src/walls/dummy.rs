@@ -61,7 +61,9 @@ pub struct DummyWalls<const D: usize> {
     model: WallPressure,
     slip: WallSlip,
     suction: WallSuction,
-    /// Wall rows with fluid in reach.
+    /// Whether a row is a wall with fluid in reach.
+    sees_fluid: Vec<bool>,
+    /// The rows of those that are.
     wet: Vec<u32>,
     /// Pressure of each of them, Pa.
     pressure: Vec<f64>,
@@ -84,7 +86,16 @@ struct Nodes<const D: usize> {
 impl<const D: usize> DummyWalls<D> {
     /// Walls of one model; nothing is known of their particles yet.
     pub fn new(model: WallPressure, slip: WallSlip, suction: WallSuction) -> Self {
-        Self { model, slip, suction, wet: Vec::new(), pressure: Vec::new(), velocity: Vec::new(), nodes: Nodes::default() }
+        Self {
+            model,
+            slip,
+            suction,
+            sees_fluid: Vec::new(),
+            wet: Vec::new(),
+            pressure: Vec::new(),
+            velocity: Vec::new(),
+            nodes: Nodes::default(),
+        }
     }
 
     /// Whether walls rub.
@@ -95,9 +106,10 @@ impl<const D: usize> DummyWalls<D> {
     /// Finds wall particles with fluid in reach, and the fluid near mirror points, for pairs found anew with the support `support`, in
     /// smoothing lengths.
     pub fn search<K: Kernel<D>>(&mut self, kernel: K, near: &Neighbors<D>, p: &Particles<D>, spacing: f64, support: f64) {
+        self.sees_fluid.resize(p.owned(), false);
+        sweep(&mut self.sees_fluid, |a| p.kind[a] == Kind::Wall && near.of(a).iter().any(|&b| p.is_fluid(b as usize)));
         self.wet.clear();
-        let sees_fluid = |a: &usize| p.kind[*a] == Kind::Wall && near.of(*a).iter().any(|&b| p.is_fluid(b as usize));
-        self.wet.extend((0..p.owned()).filter(sees_fluid).map(|a| a as u32));
+        self.wet.extend(self.sees_fluid.iter().enumerate().filter(|(_, sees)| **sees).map(|(a, _)| a as u32));
         if self.model == WallPressure::GhostNodes {
             self.nodes.mirror(kernel, near, p, spacing);
             self.nodes.search(near, p, support);
