@@ -354,10 +354,10 @@ mod tests {
         }
     }
 
-    /// All shapes at all jitters: rim missed, inner taken for rim, in percent. Printed for the docs.
+    /// All shapes at all jitters: rim missed, inner taken for rim, in percent.
     #[test]
-    #[ignore = "prints a table"]
-    fn table() {
+    fn the_table_of_the_docs_is_what_the_tests_find() {
+        let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/src/theory/surface.md")).unwrap();
         let disc = |radius: f64| move |[x, y]: [i64; 2]| (x * x + y * y) as f64 <= radius * radius;
         let void = |radius: f64| move |[x, y]: [i64; 2]| x.abs() <= 20 && y.abs() <= 20 && (x * x + y * y) as f64 > radius * radius;
         let drops = |[x, y]: [i64; 2]| (x.abs() - 9) * (x.abs() - 9) + y * y <= 81;
@@ -380,7 +380,8 @@ mod tests {
                     let c = confusion((WendlandC2, 1.3), test, 21, shape, jitter, 5);
                     format!("{:.1} / {:.2}", 100.0 * c.missed as f64 / c.rim as f64, 100.0 * c.wrong as f64 / c.inside.max(1) as f64)
                 });
-                println!("| {name} | {test:?} | {} |", rows.join(" | "));
+                let line = format!("| {name} | `{}` | {} |", format!("{test:?}").to_lowercase(), rows.join(" | "));
+                assert!(page.contains(&line), "not in docs/src/theory/surface.md: {line}");
             }
         }
     }
