@@ -99,7 +99,7 @@ impl Settings for DeltaSphSettings {
     /// `h` of two spacings: a square lattice stays where it is under its own pressure, which at 1.5 it does not
     /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`).
     const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 2.0);
-    const STEP_COST: f64 = 2e-7;
+    const STEP_COST: f64 = 3e-9;
 
     fn preset(preset: Preset) -> Self {
         Self::preset(preset)

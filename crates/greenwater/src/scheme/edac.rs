@@ -88,7 +88,7 @@ impl EdacSettings {
 }
 
 impl Relative for EdacSettings {
-    const COST: f64 = 2e-7;
+    const COST: f64 = 3e-9;
     const WORK: &'static str = "four sums over neighbours, and two for each sound step";
 
     fn defaults(preset: Preset) -> Self {

@@ -76,7 +76,7 @@ impl IsphSettings {
 
 impl Settings for IsphSettings {
     const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.3);
-    const STEP_COST: f64 = 4e-7;
+    const STEP_COST: f64 = 5e-8;
 
     fn preset(preset: Preset) -> Self {
         Self::preset(preset)
