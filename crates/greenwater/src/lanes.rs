@@ -1,7 +1,7 @@
-//! Eight numbers at once: arithmetic with the vector units of the machine. The only code that knows instruction sets, and the only
-//! one with `unsafe`.
+//! Eight numbers at once: arithmetic with the vector units of the machine. Beside `gather` the only code that knows instruction sets,
+//! and the only one with `unsafe`.
 //!
-//! Formulas are written once, over [`Real`], and run on one number (`f64`) or on [`LANES`] of them. Sums over pairs take eight
+//! Formulas are written once, over [`Real`], and run on one number (`f64`) or on eight of them. Sums over pairs take eight
 //! neighbours at a time on every machine and add the lanes up in one order; where a product is fused with a sum it is so on every
 //! machine: all instruction sets give the same bits.
 
