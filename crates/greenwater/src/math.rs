@@ -170,6 +170,13 @@ impl<'de, const D: usize> Deserialize<'de> for Vector<D> {
 /// A square matrix; row `i` is `m[i]`.
 pub type Matrix<const D: usize> = [Vector<D>; D];
 
+/// Number of the cube of edge `edge` that holds `x`, counted from `low`; one number for each cube. Axes share 64 bits: clouds wider than
+/// that end in the last cube of an axis.
+pub fn cube_number<const D: usize>(x: Vector<D>, low: Vector<D>, edge: f64) -> u64 {
+    let most = f64::from((1u32 << (63 / D as u32).min(31)) - 1);
+    (0..D).fold(0, |number, d| (number << (63 / D)) | ((x[d] - low[d]) / edge).min(most) as u64)
+}
+
 /// `M v`.
 #[inline(always)]
 pub fn transform<const D: usize>(m: &Matrix<D>, v: Vector<D>) -> Vector<D> {

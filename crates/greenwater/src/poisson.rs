@@ -7,6 +7,7 @@
 //! ([`crate::reduce`]), and triangular solves keep the order of terms in a row whichever rows run at once. Threads are
 //! those of the surrounding rayon pool; a pool of one thread gives the serial solver.
 
+mod aggregates;
 mod csr;
 mod dense;
 mod krylov;
@@ -18,6 +19,7 @@ mod settings;
 mod sliced;
 mod solver;
 
+pub use aggregates::Aggregates;
 pub use csr::{CsrMatrix, Row};
 pub use dense::DENSE_LIMIT_BYTES;
 pub use report::{SolveError, SolveReport};

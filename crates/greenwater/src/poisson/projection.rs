@@ -80,9 +80,10 @@ pub struct Goal {
     pub max_iterations: usize,
 }
 
-/// Jacobi-preconditioned conjugate gradients for `A x = b` from the start in `x`, or from zero where that is nearer, until the true
+/// Preconditioned conjugate gradients for `A x = b` from the start in `x`, or from zero where that is nearer, until the true
 /// residual has reached the goal. The residual of the report is `|b − A x|/|b|`, computed from `x` once more at the end; where
-/// the recurrence has drifted from it, the iteration starts again from there. `apply`, `level` and `diagonal` as in [`iterate`].
+/// the recurrence has drifted from it, the iteration starts again from there. `apply` and `level` as in [`iterate`]; `precondition(r, z)` sets
+/// `z = M⁻¹ r` for a symmetric positive definite `M`.
 ///
 /// # Errors
 /// An input that is not finite, or a goal that was not reached within the iterations; `x` then is no solution.
@@ -91,7 +92,7 @@ pub struct Goal {
 pub fn solve(
     mut apply: impl FnMut(&[f64], &mut [f64]),
     mut level: impl FnMut(&mut [f64]),
-    diagonal: &[f64],
+    mut precondition: impl FnMut(&[f64], &mut [f64]),
     b: &[f64],
     x: &mut [f64],
     goal: Goal,
@@ -136,9 +137,7 @@ pub fn solve(
             let (iterations, residual) = (report.iterations, report.residual);
             return Err(SolveError::NotConverged { iterations, residual, tolerance: goal.tolerance });
         }
-        for i in 0..n {
-            work.z[i] = work.r[i] / diagonal[i];
-        }
+        precondition(&work.r, &mut work.z);
         level(&mut work.z);
         work.q.copy_from_slice(&work.z);
         let mut rz = dot(&work.r, &work.z);
@@ -155,12 +154,12 @@ pub fn solve(
             for i in 0..n {
                 x[i] += step * work.q[i];
                 work.r[i] -= step * work.aq[i];
-                work.z[i] = work.r[i] / diagonal[i];
             }
             // A tenth to spare: the recurrence drifts.
             if norm(&work.r) <= 0.9 * target {
                 break;
             }
+            precondition(&work.r, &mut work.z);
             level(&mut work.z);
             let next = sum(n, |i| work.r[i] * work.z[i]);
             let keep = next / rz;
@@ -196,18 +195,22 @@ mod tests {
         }
     }
 
+    fn halved(r: &[f64], z: &mut [f64]) {
+        z.iter_mut().zip(r).for_each(|(z, r)| *z = r / 2.0);
+    }
+
     #[test]
     fn the_residual_of_a_report_is_that_of_the_solution() {
         let (b, mut x) = ((0..40).map(|i| f64::from(i % 7) - 2.5).collect::<Vec<_>>(), vec![0.3; 40]);
         let goal = Goal { tolerance: 1e-6, negligible: 0.0, max_iterations: 100 };
-        let report = solve(row, |_| (), &[2.0; 40], &b, &mut x, goal, &mut Workspace::default()).unwrap();
+        let report = solve(row, |_| (), halved, &b, &mut x, goal, &mut Workspace::default()).unwrap();
         let mut ax = vec![0.0; 40];
         row(&x, &mut ax);
         let residual = norm(&b.iter().zip(&ax).map(|(b, ax)| b - ax).collect::<Vec<_>>()) / norm(&b);
         assert_eq!(report.residual, residual);
         assert!(residual <= 1e-6 && report.iterations > 0, "{report:?}");
         // From the solution there is nothing to do.
-        let again = solve(row, |_| (), &[2.0; 40], &b, &mut x, goal, &mut Workspace::default()).unwrap();
+        let again = solve(row, |_| (), halved, &b, &mut x, goal, &mut Workspace::default()).unwrap();
         assert_eq!(again.iterations, 0);
     }
 
@@ -215,12 +218,12 @@ mod tests {
     fn too_few_iterations_are_an_error_that_says_how_far_they_came() {
         let (b, mut x) = (vec![1.0; 40], vec![0.0; 40]);
         let goal = Goal { tolerance: 1e-6, negligible: 0.0, max_iterations: 5 };
-        let error = solve(row, |_| (), &[2.0; 40], &b, &mut x, goal, &mut Workspace::default()).unwrap_err();
+        let error = solve(row, |_| (), halved, &b, &mut x, goal, &mut Workspace::default()).unwrap_err();
         let SolveError::NotConverged { iterations: 5, residual, .. } = error else { panic!("{error}") };
         assert!(residual > 1e-6, "{residual}");
         // Unless what is left means nothing.
         let goal = Goal { negligible: 100.0, ..goal };
-        assert!(solve(row, |_| (), &[2.0; 40], &b, &mut x, goal, &mut Workspace::default()).is_ok());
+        assert!(solve(row, |_| (), halved, &b, &mut x, goal, &mut Workspace::default()).is_ok());
     }
 
     #[test]

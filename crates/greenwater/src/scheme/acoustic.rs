@@ -341,7 +341,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         domain.refresh(p, support * p.h_max());
         self.near.build(p, support, self.plan.search)?;
         self.walls.search(self.kernel, &self.near, p, self.medium.spacing, self.kernel.radius());
-        let (rows, owned) = (p.len() + 1, p.owned());
+        let rows = p.len() + 1;
         self.lengths.clear();
         if p.h_min() < p.h_max() {
             self.lengths.extend_from_slice(&p.h);
@@ -353,7 +353,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             records.resize(rows, NOBODY);
             records[p.len()] = NOBODY;
         }
-        self.bulk.resize(owned, Bulk::default());
         Ok(())
     }
 

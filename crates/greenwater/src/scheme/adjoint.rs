@@ -364,7 +364,7 @@ impl<const D: usize> Flow<D> {
                 sweep(aq, |a| if this.idle[a] { 0.0 } else { -this.weight[a] * this.divergence(&gradient, a) });
             },
             level,
-            &this.diagonal,
+            |r, z| sweep(z, |a| r[a] / this.diagonal[a]),
             &this.source,
             guess,
             goal,

@@ -1,15 +1,18 @@
 //! The first state: speed of sound, lattice, density and pressure.
 
-use super::{Acoustic, Bulk, StartPressure, closed_density};
+use super::{Acoustic, Bulk, Place, StartPressure, closed_density};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::math::Vector;
-use crate::neighbors::Pair;
+use crate::lanes::{Lanes, Record, Rows, sweep_lanes};
+use crate::math::{Vector, cube_number};
+use crate::neighbors::{NOBODY, Octet, Term};
 use crate::particles::{Kind, Particles};
 use crate::physics::lattice::Lattice;
-use crate::poisson::{Arms, LinearSolver, PreconditionerKind, Sliced, SolverSettings};
+use crate::physics::pairs::{Pairs, Reach, Seen, record};
+use crate::poisson::projection::{self, Goal, Workspace};
+use crate::poisson::{Aggregates, SolveError};
 use crate::scheme::{Medium, StepError};
-use crate::sweep::sweep;
+use crate::sweep::update;
 
 /// The speed that compressibility is measured by, m/s: `2 √(gH)`, the greatest a dam break reaches before it hits something, or
 /// the greatest speed at the start if that is more.
@@ -22,6 +25,12 @@ pub(in crate::scheme) fn reference_speed<const D: usize>(medium: &Medium<D>, p: 
 
 /// The pressure of a release is harmonic to this relative residual.
 const RESIDUAL: f64 = 1e-8;
+
+/// Some thirty iterations are usual; a fluid of thin threads takes more.
+const MOST_ITERATIONS: usize = 10_000;
+
+/// Width of the cubes whose fluid is one unknown of the coarse equation, in spacings.
+const WIDTH: f64 = 4.0;
 
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Fills what follows from positions, velocities and the wanted start.
@@ -50,7 +59,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.closed = closed_density(p, domain);
         self.shift(p, domain, 0.0);
         // A step of no length: rates, accelerations and forces of this state.
-        self.bulk.fill(Bulk::default());
+        self.bulk.clear();
+        self.bulk.resize(p.owned(), Bulk::default());
         self.set_out(p, domain, 0.0);
         self.press_walls(p, domain);
         p.force.fill(Vector::ZERO);
@@ -69,62 +79,137 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
 
     /// Adds to the hydrostatic pressure the harmonic one that makes the free surface free: `Σ_b 2 V_b F_ab (q_a − q_b) = 0` over
     /// fluid (Brookshaw's Laplacian, natural at walls: the weight of the liquid is in the hydrostatic part), with
-    /// `q_a = p_surface − p_hydrostatic` on the surface. The matrix is symmetric for equal volumes; it is made so for others.
+    /// `q_a = p_surface − p_hydrostatic` on the surface. The operator is symmetric for equal volumes; it is made so for others. It is a sum
+    /// over pairs as those of a step: a matrix would take more memory than all the rest.
     ///
     /// A particle of the surface lies half a spacing below it where the surface faces up, and feels the weight of that much.
-    fn release(&self, p: &mut Particles<D>, domain: &Domain<D>) -> Result<(), StepError> {
-        let (near, kernel, state, owned) = (&self.near, self.kernel, self.plan.state, p.owned());
+    fn release(&mut self, p: &mut Particles<D>, domain: &Domain<D>) -> Result<(), StepError> {
+        let (owned, state) = (p.owned(), self.plan.state);
         let up = self.medium.gravity / -self.medium.g();
-        // The normals stand where velocities do.
-        let normal = |a: usize| self.end[a].v::<D>();
-        let free = |a: usize| p.kind[a] == Kind::Fluid && normal(a) == Vector::ZERO;
-        let mut q = vec![0.0; p.len()];
-        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid && !free(a)) {
-            let depth = 0.5 * self.medium.spacing * normal(a).dot(up).max(0.0);
-            q[a] = state.rest * self.medium.g() * depth - p.pressure[a];
+        let mut records = std::mem::take(&mut self.middle);
+        for a in 0..owned {
+            // The normals stand where velocities do.
+            let normal = self.end[a].v::<D>();
+            let mut known = 0.0;
+            self.place[a] = match p.kind[a] {
+                Kind::Fluid if normal == Vector::ZERO => Place::Inside,
+                Kind::Fluid => {
+                    let depth = 0.5 * self.medium.spacing * normal.dot(up).max(0.0);
+                    known = state.rest * self.medium.g() * depth - p.pressure[a];
+                    p.density[a] = state.density((p.pressure[a] + known).max(0.0));
+                    Place::Surface
+                }
+                Kind::Wall | Kind::Lost => Place::Dry,
+            };
+            records[a] = record(p.x[a], Vector::ZERO, known, p.mass[a], p.kind[a] != Kind::Fluid);
         }
-        domain.refresh_column(&mut q);
-        let link = |a: usize, pair: &Pair<D>| -(p.mass[a] + p.mass[pair.b]) / state.rest * kernel.dw_over_r(pair.r, pair.h);
+        domain.refresh_records(&mut records);
+        // What the solver needs takes the place of records that are made anew after it.
+        let rows = std::mem::take(&mut self.end).len();
+
+        let rise = |records: &[Record], q: &[f64], out: &mut [f64]| {
+            let sums = Harmonic { pairs: self.pairs(records), rest: state.rest, place: &self.place, mass: &p.mass, h: &p.h, q };
+            sweep_lanes(self.set, out, &sums);
+        };
+        let carry = |records: &mut [Record], q: &[f64]| {
+            update(&mut records[..owned], |a, record| *record.value_mut::<D>() = q[a]);
+            domain.refresh_records(records);
+        };
+        let mut q = vec![0.0; owned];
         let mut source = vec![0.0; owned];
-        sweep(&mut source, |a| {
-            let mut sum = 0.0;
-            if free(a) {
-                near.for_each(a, |pair| {
-                    if p.is_fluid(pair.b) && !free(domain.parent(pair.b, owned)) {
-                        sum += link(a, &pair) * q[pair.b];
-                    }
-                });
-            }
-            sum
-        });
-        let mut matrix = Sliced::default();
-        matrix.fill(owned, &mut Arms::<0>::default(), |a, row| {
-            let mut diagonal = 0.0;
-            if free(a) {
-                near.for_each(a, |pair| {
-                    if p.is_fluid(pair.b) {
-                        let (b, link) = (domain.parent(pair.b, owned), link(a, &pair) as f32);
-                        diagonal += f64::from(link);
-                        if free(b) {
-                            row.push(b, link, []);
-                        }
-                    }
-                });
-            }
-            if diagonal > 0.0 { diagonal } else { 1.0 }
-        });
-        let mut harmonic = vec![0.0; owned];
-        LinearSolver::new(SolverSettings {
-            preconditioner: PreconditionerKind::Multigrid,
-            tolerance: RESIDUAL,
-            ..SolverSettings::default()
-        })?
-        .solve_sliced(&matrix, &source, &mut harmonic, 0.0)?;
-        for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-            let q = if free(a) { harmonic[a] } else { q[a] };
-            p.density[a] = state.density((p.pressure[a] + q).max(0.0));
+        rise(&records, &q, &mut source);
+        source.iter_mut().for_each(|source| *source = -*source);
+        // Of one alone, the operator makes the diagonal.
+        carry(&mut records, &q);
+        let mut inverse = vec![0.0; owned];
+        q.fill(1.0);
+        rise(&records, &q, &mut inverse);
+        inverse.iter_mut().for_each(|diagonal| *diagonal = if *diagonal > 0.0 { 1.0 / *diagonal } else { 1.0 });
+        q.fill(0.0);
+        let mut coarse = self.aggregates(p, domain)?;
+        let goal = Goal { tolerance: RESIDUAL, negligible: 0.0, max_iterations: MOST_ITERATIONS };
+        let solved = projection::solve(
+            |q, aq| {
+                carry(&mut records, q);
+                rise(&records, q, aq);
+            },
+            |_| (),
+            |r, z| coarse.apply(&inverse, r, z),
+            &source,
+            &mut q,
+            goal,
+            &mut Workspace::default(),
+        );
+        self.middle = records;
+        self.end.resize(rows, NOBODY);
+        solved?;
+        for a in (0..owned).filter(|&a| self.place[a] == Place::Inside) {
+            p.density[a] = state.density((p.pressure[a] + q[a]).max(0.0));
         }
         domain.refresh_column(&mut p.density);
         Ok(())
+    }
+
+    /// Fluid off the surface by cubes, with the links of the operator of [`release`](Self::release).
+    fn aggregates(&self, p: &Particles<D>, domain: &Domain<D>) -> Result<Aggregates, SolveError> {
+        let (owned, rest) = (p.owned(), self.plan.state.rest);
+        let keys = (0..owned).filter(|&a| self.place[a] == Place::Inside);
+        let keys = keys.map(|a| (cube_number(p.x[a], domain.min, WIDTH * self.medium.spacing), a as u32)).collect();
+        Aggregates::new(owned, keys, |a, each| {
+            for &b in self.near.of(a) {
+                let b = b as usize;
+                if p.is_fluid(b) {
+                    let (r, h) = ((p.x[a] - p.x[b]).norm(), 0.5 * (p.h[a] + p.h[b]));
+                    each(domain.parent(b, owned), -(p.mass[a] + p.mass[b]) / rest * self.kernel.dw_over_r(r, h));
+                }
+            }
+        })
+    }
+}
+
+/// `Σ_b 2 V_b F_ab (q_a − q_b)` over fluid inside; zero elsewhere.
+struct Harmonic<'a, K, const D: usize> {
+    /// The records carry `q`.
+    pairs: Pairs<'a, K, D>,
+    rest: f64,
+    place: &'a [Place],
+    mass: &'a [f64],
+    h: &'a [f64],
+    /// Of the particles themselves.
+    q: &'a [f64],
+}
+
+impl<K: Kernel<D>, const D: usize> Rows<f64> for Harmonic<'_, K, D> {
+    #[inline(always)]
+    fn row<L: Lanes>(&self, a: usize, sum: &mut f64, _: &mut ()) {
+        *sum = 0.0;
+        if self.place[a] == Place::Inside {
+            let term = Rise { reach: self.pairs.reach::<L>(self.h[a]), mass: L::splat(self.mass[a]), q: L::splat(self.q[a]) };
+            let total: L = self.pairs.near.sum(a, self.pairs.records, &term);
+            *sum = term.reach.slope_scale() / self.rest * total.total();
+        }
+    }
+}
+
+/// `(m_a + m_b) (q_b − q_a) W'/r` over fluid, on the scale of the particle.
+struct Rise<'a, K, L> {
+    reach: Reach<'a, K, L>,
+    mass: L,
+    q: L,
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Rise<'_, K, L> {
+    type Totals = L;
+
+    #[inline(always)]
+    fn nothing(&self) -> L {
+        L::splat(0.0)
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, total: &mut L) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let mass = L::choose(b.wall, L::splat(0.0), self.mass + b.mass);
+        *total = (mass * self.reach.slope(octet)).times_plus(b.value - self.q, *total);
     }
 }

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::math::{Vector, cube_number};
 use crate::particles::Particles;
 
 /// No unknown.
@@ -40,14 +41,9 @@ impl Numbering {
     /// Numbers the fluid anew, by cells of edge `reach`, m.
     pub(super) fn renew<const D: usize>(&mut self, p: &Particles<D>, reach: f64) {
         let owned = p.owned();
-        let low: [f64; D] = std::array::from_fn(|d| p.x[..owned].iter().map(|x| x[d]).fold(f64::INFINITY, f64::min));
-        // Cells of an axis share 64 bits among the axes; clouds wider than that end in the last one.
-        let most = f64::from((1u32 << (63 / D as u32).min(31)) - 1);
+        let low = Vector(std::array::from_fn(|d| p.x[..owned].iter().map(|x| x[d]).fold(f64::INFINITY, f64::min)));
         self.keys.clear();
-        self.keys.extend((0..owned).filter(|&a| p.is_fluid(a)).map(|a| {
-            let cell = |d: usize| ((p.x[a][d] - low[d]) / reach).min(most) as u64;
-            ((0..D).fold(0, |key, d| (key << (63 / D)) | cell(d)), a as u32)
-        }));
+        self.keys.extend((0..owned).filter(|&a| p.is_fluid(a)).map(|a| (cube_number(p.x[a], low, reach), a as u32)));
         self.keys.par_sort_unstable();
         self.rows.clear();
         self.rows.extend(self.keys.iter().map(|&(_, row)| row));
