@@ -54,6 +54,7 @@ pub static CASES: &[Shipped] = shipped! {
     "dam-break-front": ["martin-moyce-n1.csv", "martin-moyce-n2.csv"],
     "dam-break-noise": [],
     "dam-break-long": [],
+    "dam-break-3d": [],
     "cylinder": [],
     "dam-break-impact": ["p1.csv", "p2.csv", "p3.csv", "p4.csv", "buchner.csv", "zhou-h1.csv", "zhou-h2.csv"],
 };

@@ -229,9 +229,8 @@ impl<'a, const D: usize> Column<'a, D> {
         let height = |x: Vector<D>| x.dot(up) - medium.floor;
         let reach = reach(medium);
         let across = |away: Vector<D>| away - away.dot(up) * up;
-        let near: Vec<usize> = (0..p.owned())
-            .filter(|&a| p.kind[a] != Kind::Lost && across(p.x[a] - point).norm_squared() < reach * reach)
-            .collect();
+        let near: Vec<usize> =
+            (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost && across(p.x[a] - point).norm_squared() < reach * reach).collect();
         let top = near.iter().filter(|&&a| p.is_fluid(a)).map(|&a| height(p.x[a])).fold(f64::NEG_INFINITY, f64::max);
         Self { p, medium, near, foot: point - height(point) * up, up, top }
     }
