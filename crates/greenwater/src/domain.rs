@@ -44,7 +44,7 @@ impl<const D: usize> Domain<D> {
                     if !(low..high).contains(&x) && x.is_finite() {
                         p.x[a][d] = low + (x - low).rem_euclid(high - low);
                     }
-                } else if p.is_fluid(a) && !(low..=high).contains(&p.x[a][d]) && p.x[a][d].is_finite() {
+                } else if p.is_fluid(a) && self.leaves(p.x[a], d) {
                     p.kind[a] = Kind::Lost;
                     p.v[a] = Vector::ZERO;
                     p.acceleration[a] = Vector::ZERO;
@@ -55,6 +55,16 @@ impl<const D: usize> Domain<D> {
         if self.periodic.contains(&true) {
             self.add_images(p, reach);
         }
+    }
+
+    /// Whether fluid at `x` has left the box through an open face across axis `d`.
+    fn leaves(&self, x: Vector<D>, d: usize) -> bool {
+        !self.periodic[d] && x[d].is_finite() && !(self.min[d]..=self.max[d]).contains(&x[d])
+    }
+
+    /// Whether fluid at `x` (m) has left the box: the next [`refresh`](Self::refresh) makes it [`Kind::Lost`].
+    pub fn is_outside(&self, x: Vector<D>) -> bool {
+        (0..D).any(|d| self.leaves(x, d))
     }
 
     /// Copies the column of real particles into the rows of their ghosts: for a field that changed since [`refresh`](Self::refresh).

@@ -60,6 +60,11 @@ impl Slices {
         self.ends.push(self.columns.len() as u32);
     }
 
+    /// Gives back room for more than so many entries.
+    pub fn shrink_to(&mut self, entries: usize) {
+        self.columns.shrink_to(entries);
+    }
+
     /// The entries of slice `s`.
     pub fn range(&self, s: usize) -> std::ops::Range<usize> {
         (if s == 0 { 0 } else { self.ends[s - 1] as usize })..self.ends[s] as usize

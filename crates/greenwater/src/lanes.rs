@@ -111,6 +111,20 @@ impl Real for f64 {
 #[repr(C, align(64))]
 pub(crate) struct Record(pub [f64; LANES]);
 
+impl Record {
+    /// The numbers of records, one behind the other: room for columns of them while records are not in use.
+    pub fn flat(records: &[Self]) -> &[f64] {
+        // SAFETY: a record is `LANES` numbers without a gap.
+        unsafe { std::slice::from_raw_parts(records.as_ptr().cast(), LANES * records.len()) }
+    }
+
+    /// The same, to be written to.
+    pub fn flat_mut(records: &mut [Self]) -> &mut [f64] {
+        // SAFETY: a record is `LANES` numbers without a gap, and any numbers make one.
+        unsafe { std::slice::from_raw_parts_mut(records.as_mut_ptr().cast(), LANES * records.len()) }
+    }
+}
+
 /// Lists of rows, eights behind eights.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Octets {
@@ -132,7 +146,7 @@ impl Octets {
     pub fn replace(&mut self, rows: &[u32]) {
         self.rows.clear();
         if self.rows.capacity() < rows.len() {
-            self.rows.reserve_exact(rows.len() + rows.len() / 16);
+            self.rows.reserve_exact(rows.len() + rows.len() / 32);
         }
         self.rows.extend_from_slice(rows);
         self.bound = rows.iter().fold(0, |last, &row| last.max(row)) as usize + 1;
@@ -793,6 +807,14 @@ pub(crate) fn sweep_lanes<T: Send, R: Rows<T>>(set: InstructionSet, out: &mut [T
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn records_are_their_numbers_one_behind_the_other() {
+        let mut records = [Record([1.0; LANES]), Record(std::array::from_fn(|i| i as f64))];
+        assert_eq!(Record::flat(&records)[LANES - 1..LANES + 2], [1.0, 0.0, 1.0]);
+        Record::flat_mut(&mut records)[LANES + 1] = 7.0;
+        assert_eq!(records[1].0[1], 7.0);
+    }
 
     /// Every operation on lanes that hold values of all kinds, against the same on plain numbers.
     struct Everything<'a> {

@@ -38,14 +38,29 @@ impl<const D: usize> Motion<D> {
 /// Gives the wall rows of moving bodies their mean velocity and acceleration over the step from `t` to `t + dt`, s.
 pub fn set<const D: usize>(motions: &[Motion<D>], p: &mut Particles<D>, t: f64, dt: f64) {
     for motion in motions {
-        let (v, acceleration) = motion.over(t, dt);
-        for a in 0..p.owned() {
-            if p.kind[a] == Kind::Wall && p.body[a] == motion.body {
-                p.v[a] = v;
-                p.acceleration[a] = acceleration;
-            }
+        give(motion, p, motion.over(t, dt));
+    }
+}
+
+fn give<const D: usize>(motion: &Motion<D>, p: &mut Particles<D>, (v, acceleration): (Vector<D>, Vector<D>)) {
+    for a in 0..p.owned() {
+        if p.kind[a] == Kind::Wall && p.body[a] == motion.body {
+            p.v[a] = v;
+            p.acceleration[a] = acceleration;
         }
     }
+}
+
+/// Velocity (m/s) and acceleration (m/s²) that the wall rows of each moving body have now: all those of a body the same.
+pub fn read<const D: usize>(motions: &[Motion<D>], p: &Particles<D>, found: &mut Vec<(Vector<D>, Vector<D>)>) {
+    let row = |motion: &Motion<D>| (0..p.owned()).find(|&a| p.kind[a] == Kind::Wall && p.body[a] == motion.body);
+    found.clear();
+    found.extend(motions.iter().map(|motion| row(motion).map_or((Vector::ZERO, Vector::ZERO), |a| (p.v[a], p.acceleration[a]))));
+}
+
+/// Gives the wall rows what they had when [`read`] looked.
+pub fn give_back<const D: usize>(motions: &[Motion<D>], p: &mut Particles<D>, found: &[(Vector<D>, Vector<D>)]) {
+    motions.iter().zip(found).for_each(|(motion, &had)| give(motion, p, had));
 }
 
 /// Moves the wall rows that go along, by the velocity that [`set`] gave them over `dt`, s.

@@ -8,7 +8,7 @@ use thiserror::Error;
 use crate::lanes::{Eight, InstructionSet, Job, LANES, Lanes, Octets, Record, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
-use crate::sweep::BLOCK;
+use crate::sweep::{BLOCK, sweep, trim};
 
 /// How pairs are found. Every way finds the same pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -49,8 +49,8 @@ pub enum SearchError {
 /// The pairs of a set of particles: all `b != a` with `|x_a − x_b| <= κ (h_a + h_b)/2`, where `κ` is the support of the kernel
 /// in smoothing lengths (the paper's `|r| <= h_a + h_b` for `κ = 2`).
 ///
-/// Keeps the positions and smoothing lengths it was built from: what it reports belongs together even when the particles have
-/// moved on. Storage is reused from build to build. The order of the neighbours of a particle depends on the positions only,
+/// Keeps the positions and smoothing lengths it was [built](Self::build) from: what it reports belongs together even when the particles have
+/// moved on. [Lists](Self::list) alone have none until they [follow](Self::follow) some. Storage is reused from build to build. The order of the neighbours of a particle depends on the positions only,
 /// never on the number of threads.
 #[derive(Clone, Debug, Default)]
 pub struct Neighbors<const D: usize> {
@@ -60,6 +60,8 @@ pub struct Neighbors<const D: usize> {
     /// The row behind all particles.
     nobody: u32,
     grid: Grid<D>,
+    /// What the grid sorts into.
+    room: Vec<Record>,
 }
 
 /// The neighbours of `BLOCK` consecutive particles. Those of a particle start at a multiple of [`LANES`]; what is left of the last
@@ -148,47 +150,66 @@ impl<const D: usize> Neighbors<D> {
     /// # Errors
     /// A position that is not finite.
     pub fn build(&mut self, p: &Particles<D>, support: f64, search: Search) -> Result<(), SearchError> {
+        let mut room = std::mem::take(&mut self.room);
+        let listed = self.list(p, support, search, &mut room);
+        self.room = room;
+        listed.map(|()| self.follow(p))
+    }
+
+    /// Finds the same pairs and keeps the rows alone, for those who have the positions elsewhere: until [`follow`](Self::follow) only lists and
+    /// sums over records know anything. Overwrites `room`, which grows to some records a particle at most.
+    ///
+    /// # Errors
+    /// A position that is not finite.
+    pub(crate) fn list(&mut self, p: &Particles<D>, support: f64, search: Search, room: &mut Vec<Record>) -> Result<(), SearchError> {
         if let Some(particle) = p.x.iter().position(|x| !x.is_finite()) {
             return Err(SearchError::NotFinite { particle });
         }
-        self.x.clone_from(&p.x);
-        self.h.clone_from(&p.h);
+        self.x.clear();
+        self.h.clear();
         self.nobody = p.len() as u32;
         self.segments.resize_with(p.owned().div_ceil(BLOCK), Segment::default);
         let mut grid = std::mem::take(&mut self.grid);
         match search {
             Search::Direct => grid.starts.clear(),
-            Search::Grid => grid.sort(p, support * p.h_max()),
+            Search::Grid => grid.sort(p, support * p.h_max(), room),
         }
-        let (set, nobody, grid_of) = (InstructionSet::of_this_machine(), self.nobody, &grid);
+        let (set, nobody) = (InstructionSet::of_this_machine(), self.nobody);
+        let sorted = (search == Search::Grid).then(|| Sorted { grid: &grid, columns: Record::flat(room), length: p.len() + LANES });
         // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
         self.segments.par_iter_mut().enumerate().with_max_len(4).for_each_init(Vec::new, |list, (block, segment)| {
-            dispatch(set, Listing { p, grid: grid_of, support, nobody, first: block * BLOCK, list, segment });
+            dispatch(set, Listing { p, sorted, support, nobody, first: block * BLOCK, list, segment });
         });
         self.grid = grid;
         Ok(())
     }
 
-    /// The real rows in the order of the cells of the last build, cell by cell: near each other in memory, near each other in space. Lost
-    /// rows come last. Empty after a direct search.
-    pub(crate) fn order(&self, p: &Particles<D>) -> Vec<u32> {
-        let sorted = if self.grid.starts.is_empty() { &[] } else { &self.grid.rows[..self.x.len()] };
-        sorted.iter().copied().filter(|&row| (row as usize) < p.owned()).collect()
+    /// Calls `renumber` with the `owned` real rows in the order of the cells of the last search, cell by cell: near each other in memory, near
+    /// each other in space. Lost rows come last. Not after a direct search, which has no cells.
+    pub(crate) fn in_order(&mut self, owned: usize, renumber: impl FnOnce(&[u32])) {
+        let Grid { starts, rows, cell_of, .. } = &mut self.grid;
+        if !starts.is_empty() {
+            // Cells of rows are of no use behind the search.
+            cell_of.clear();
+            cell_of.extend(rows[..self.nobody as usize].iter().filter(|&&row| (row as usize) < owned));
+            renumber(cell_of);
+        }
     }
 
-    /// Takes the positions of now without a new search: pairs stay those of the build, their distances are today's.
+    /// Takes the positions of now without a new search: pairs stay those of the last one, their distances are today's.
     ///
     /// A list built with a wider support than the kernel's holds every pair until two particles have moved towards each other by
     /// the difference.
     pub fn follow(&mut self, p: &Particles<D>) {
         self.x.clone_from(&p.x);
+        self.h.clone_from(&p.h);
     }
 
     /// Appends the rows near a point to `list`: those within `support` mean smoothing lengths of `x`, m, for a point of smoothing
     /// length `h`, m. Sees the positions of the build.
     pub fn near_point(&self, x: Vector<D>, h: f64, support: f64, list: &mut Vec<u32>) {
         if !self.grid.starts.is_empty() {
-            self.grid.near_point(x, h, support, list);
+            self.grid.near_point(&self.x, &self.h, (x, h), support, list);
         } else {
             let within = |b: &usize| {
                 let reach = support * (0.5 * (h + self.h[*b]));
@@ -260,6 +281,7 @@ impl<const D: usize> Neighbors<D> {
                 self.for_each(a, |pair| values.push(value(a, &pair)));
                 values.resize(values.len().next_multiple_of(LANES), 0.0);
             }
+            trim(values);
         });
     }
 
@@ -285,7 +307,8 @@ impl<const D: usize> Neighbors<D> {
         column.segments.resize_with(self.segments.len(), Vec::new);
         column.segments.par_iter_mut().zip(out.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (values, out))| {
             values.clear();
-            dispatch(set, Block { start: block * BLOCK, values, out, rows });
+            dispatch(set, Block { start: block * BLOCK, values: &mut *values, out, rows });
+            trim(values);
         });
     }
 
@@ -317,15 +340,16 @@ impl<const D: usize> Neighbors<D> {
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         let lists: usize = self.segments.iter().map(|s| 4 * s.ends.capacity() + s.list.bytes()).sum();
-        lists + self.x.capacity() * size_of::<Vector<D>>() + 8 * self.h.capacity() + self.grid.bytes()
+        let room = self.room.capacity() * size_of::<Record>();
+        lists + self.x.capacity() * size_of::<Vector<D>>() + 8 * self.h.capacity() + self.grid.bytes() + room
     }
 }
 
 /// Lists the neighbours of a block of particles.
 struct Listing<'a, const D: usize> {
     p: &'a Particles<D>,
-    /// Without cells for a direct search.
-    grid: &'a Grid<D>,
+    /// None for a direct search.
+    sorted: Option<Sorted<'a, D>>,
     support: f64,
     nobody: u32,
     first: usize,
@@ -336,15 +360,15 @@ struct Listing<'a, const D: usize> {
 impl<const D: usize> Job for Listing<'_, D> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { p, grid, support, nobody, first, list, segment } = self;
+        let Self { p, sorted, support, nobody, first, list, segment } = self;
         segment.ends.clear();
         list.clear();
         for a in first..p.owned().min(first + BLOCK) {
             list.resize(list.len().next_multiple_of(LANES), nobody);
-            match () {
-                () if p.kind[a] == Kind::Lost => {}
-                () if grid.starts.is_empty() => all_near(p, support, a, list),
-                () => grid.near::<L>(a, p.x[a], p.h[a], support, list),
+            match sorted {
+                _ if p.kind[a] == Kind::Lost => {}
+                None => all_near(p, support, a, list),
+                Some(sorted) => sorted.near::<L>(a, p.x[a], p.h[a], support, list),
             }
             segment.ends.push(list.len() as u32);
         }
@@ -374,25 +398,23 @@ struct Grid<const D: usize> {
     /// First entry of each cell in `entries`; one more at the end.
     starts: Vec<u32>,
     cell_of: Vec<u32>,
-    /// Particles in the order of their cells: positions, smoothing lengths, rows; each column longer by [`LANES`], so that eight can be
-    /// read from every place.
-    x: [Vec<f64>; D],
-    h: Vec<f64>,
+    /// Particles in the order of their cells; longer by [`LANES`], so that eight can be read from every place.
     rows: Vec<u32>,
+}
+
+/// Particles in the order of the cells of a grid.
+#[derive(Clone, Copy)]
+struct Sorted<'a, const D: usize> {
+    grid: &'a Grid<D>,
+    /// A column for each axis, and one of smoothing lengths, m.
+    columns: &'a [f64],
+    /// Of a column: longer by [`LANES`] than there are particles, so that eight can be read from every place.
+    length: usize,
 }
 
 impl<const D: usize> Default for Grid<D> {
     fn default() -> Self {
-        Self {
-            min: Vector::ZERO,
-            edge: 0.0,
-            cells: [0; D],
-            starts: Vec::new(),
-            cell_of: Vec::new(),
-            x: std::array::from_fn(|_| Vec::new()),
-            h: Vec::new(),
-            rows: Vec::new(),
-        }
+        Self { min: Vector::ZERO, edge: 0.0, cells: [0; D], starts: Vec::new(), cell_of: Vec::new(), rows: Vec::new() }
     }
 }
 
@@ -400,8 +422,8 @@ impl<const D: usize> Default for Grid<D> {
 const CELLS_PER_PARTICLE: usize = 4;
 
 impl<const D: usize> Grid<D> {
-    /// Counting sort of all particles into cells of edge `reach`, m, or larger.
-    fn sort(&mut self, p: &Particles<D>, reach: f64) {
+    /// Counting sort of all particles into cells of edge `reach`, m, or larger; the columns of [`Sorted`] stand in `room`.
+    fn sort(&mut self, p: &Particles<D>, reach: f64, room: &mut Vec<Record>) {
         let (min, max) = bounds(&p.x);
         self.min = min;
         // A hair wider than the reach: two particles exactly that far apart stay in adjacent cells whatever the rounding.
@@ -420,7 +442,7 @@ impl<const D: usize> Grid<D> {
 
         let mut cell_of = std::mem::take(&mut self.cell_of);
         cell_of.resize(p.len(), 0);
-        crate::sweep::sweep(&mut cell_of, |b| if p.kind[b] == Kind::Lost { no_cell } else { self.index(self.cell(p.x[b])) });
+        sweep(&mut cell_of, |b| if p.kind[b] == Kind::Lost { no_cell } else { self.index(self.cell(p.x[b])) });
         self.cell_of = cell_of;
 
         // Counted two places on: after the sums, place `cell + 1` holds where a cell starts; the fill moves it to where the cell
@@ -440,14 +462,19 @@ impl<const D: usize> Grid<D> {
             *slot += 1;
         }
         let rows = &self.rows[..p.len()];
-        let fill = |column: &mut Vec<f64>, value: &(dyn Fn(usize) -> f64 + Sync)| {
-            column.resize(p.len() + LANES, 0.0);
-            crate::sweep::sweep(&mut column[..p.len()], |i| value(rows[i] as usize));
-        };
-        for (d, column) in self.x.iter_mut().enumerate() {
-            fill(column, &|row| p.x[row][d]);
+        let length = p.len() + LANES;
+        let needed = ((D + 1) * length).div_ceil(LANES);
+        if room.len() < needed {
+            room.resize(needed, NOBODY);
         }
-        fill(&mut self.h, &|row| p.h[row]);
+        for (d, column) in Record::flat_mut(room).chunks_exact_mut(length).take(D + 1).enumerate() {
+            let column = &mut column[..p.len()];
+            if d < D {
+                sweep(column, |i| p.x[rows[i] as usize][d]);
+            } else {
+                sweep(column, |i| p.h[rows[i] as usize]);
+            }
+        }
     }
 
     fn cell(&self, x: Vector<D>) -> [usize; D] {
@@ -458,46 +485,9 @@ impl<const D: usize> Grid<D> {
         (0..D).fold(0, |index, d| index * self.cells[d] + cell[d]) as u32
     }
 
-    /// Appends the neighbours of particle `a`, which lies within the grid, eight candidates at a time.
-    #[inline(always)]
-    fn near<L: Lanes>(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, list: &mut Vec<u32>) {
-        let home = self.cell(x_a);
-        let (mut first, mut last) = (home, home);
-        for d in 0..D {
-            first[d] = home[d].saturating_sub(1);
-            last[d] = (home[d] + 1).min(self.cells[d] - 1);
-        }
-        let start = list.len();
-        let mut row = first;
-        loop {
-            let run = self.run(row, last);
-            let mut found = list.len();
-            list.resize(found + run.len() + LANES, 0);
-            for i in run.clone().step_by(LANES) {
-                let reach = (L::splat(h_a) + L::from_array(eight(&self.h, i))) * (0.5 * support);
-                let mut square = L::splat(0.0);
-                for d in 0..D {
-                    let away = L::splat(x_a[d]) - L::from_array(eight(&self.x[d], i));
-                    square = square + away * away;
-                }
-                let mut near = [0; LANES];
-                let count = L::without((reach * reach).below(square), &eight(&self.rows, i), run.end - i, &mut near);
-                list[found..found + LANES].copy_from_slice(&near);
-                found += count;
-            }
-            list.truncate(found);
-            if !next_run(&mut row, first, last) {
-                break;
-            }
-        }
-        // Nobody is its own neighbour.
-        if let Some(own) = list[start..].iter().position(|&b| b as usize == a) {
-            list.remove(start + own);
-        }
-    }
-
-    /// Appends the rows near a point that need not lie within the grid.
-    fn near_point(&self, x: Vector<D>, h: f64, support: f64, list: &mut Vec<u32>) {
+    /// Appends the rows near a point that need not lie within the grid, `(position, smoothing length)`, of particles at `xs` with smoothing
+    /// lengths `hs`, m.
+    fn near_point(&self, xs: &[Vector<D>], hs: &[f64], (x, h): (Vector<D>, f64), support: f64, list: &mut Vec<u32>) {
         let cell = |d: usize| ((x[d] - self.min[d]) / self.edge).floor();
         if (0..D).any(|d| !(-1.0..=self.cells[d] as f64).contains(&cell(d))) {
             return;
@@ -506,11 +496,11 @@ impl<const D: usize> Grid<D> {
         let last = std::array::from_fn(|d| ((cell(d) + 1.0) as usize).min(self.cells[d] - 1));
         let mut row = first;
         loop {
-            let near = |i: &usize| {
-                let reach = support * (0.5 * (h + self.h[*i]));
-                (x - Vector(std::array::from_fn(|d| self.x[d][*i]))).norm_squared() <= reach * reach
+            let near = |row: &u32| {
+                let reach = support * (0.5 * (h + hs[*row as usize]));
+                (x - xs[*row as usize]).norm_squared() <= reach * reach
             };
-            list.extend(self.run(row, last).filter(near).map(|i| self.rows[i]));
+            list.extend(self.rows[self.run(row, last)].iter().copied().filter(near));
             if !next_run(&mut row, first, last) {
                 break;
             }
@@ -527,7 +517,51 @@ impl<const D: usize> Grid<D> {
 
     fn bytes(&self) -> usize {
         4 * (self.starts.capacity() + self.cell_of.capacity() + self.rows.capacity())
-            + 8 * (self.h.capacity() + self.x.iter().map(Vec::capacity).sum::<usize>())
+    }
+}
+
+impl<const D: usize> Sorted<'_, D> {
+    /// Appends the neighbours of particle `a`, which lies within the grid, eight candidates at a time.
+    #[inline(always)]
+    fn near<L: Lanes>(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, list: &mut Vec<u32>) {
+        let Self { grid, columns, length } = *self;
+        let (mut xs, hs) = ([columns; D], &columns[D * length..]);
+        for d in 0..D {
+            xs[d] = &columns[d * length..(d + 1) * length];
+        }
+        let home = grid.cell(x_a);
+        let (mut first, mut last) = (home, home);
+        for d in 0..D {
+            first[d] = home[d].saturating_sub(1);
+            last[d] = (home[d] + 1).min(grid.cells[d] - 1);
+        }
+        let start = list.len();
+        let mut row = first;
+        loop {
+            let run = grid.run(row, last);
+            let mut found = list.len();
+            list.resize(found + run.len() + LANES, 0);
+            for i in run.clone().step_by(LANES) {
+                let reach = (L::splat(h_a) + L::from_array(eight(hs, i))) * (0.5 * support);
+                let mut square = L::splat(0.0);
+                for d in 0..D {
+                    let away = L::splat(x_a[d]) - L::from_array(eight(xs[d], i));
+                    square = square + away * away;
+                }
+                let mut near = [0; LANES];
+                let count = L::without((reach * reach).below(square), &eight(&grid.rows, i), run.end - i, &mut near);
+                list[found..found + LANES].copy_from_slice(&near);
+                found += count;
+            }
+            list.truncate(found);
+            if !next_run(&mut row, first, last) {
+                break;
+            }
+        }
+        // Nobody is its own neighbour.
+        if let Some(own) = list[start..].iter().position(|&b| b as usize == a) {
+            list.remove(start + own);
+        }
     }
 }
 

@@ -191,15 +191,32 @@ impl<const D: usize> Particles<D> {
         });
     }
 
-    /// Puts the real particles into another order: the one in row `order[a]` comes to row `a`. Drops all ghosts.
-    pub(crate) fn reorder(&mut self, order: &[u32]) {
+    /// Puts the real particles into another order. Drops all ghosts.
+    pub(crate) fn reorder(&mut self, order: &Order) {
         self.drop_ghosts();
-        macro_rules! take {
-            ($column:expr) => {
-                $column = order.iter().map(|&row| $column[row as usize]).collect()
-            };
-        }
-        each_column!(&mut *self, take);
+        let p = self;
+        rayon::scope(|scope| {
+            macro_rules! reorder {
+                ($column:ident) => {{
+                    let column = &mut p.$column;
+                    scope.spawn(move |_| order.apply(column));
+                }};
+            }
+            reorder!(id);
+            reorder!(kind);
+            reorder!(layer);
+            reorder!(x);
+            reorder!(v);
+            reorder!(mass);
+            reorder!(density);
+            reorder!(pressure);
+            reorder!(h);
+            reorder!(acceleration);
+            reorder!(density_rate);
+            reorder!(surface);
+            reorder!(body);
+            reorder!(force);
+        });
     }
 
     /// Drops all ghosts.
@@ -224,6 +241,44 @@ impl<const D: usize> Particles<D> {
         each_column!(&mut *self, copy);
         let last = self.x.len() - 1;
         self.x[last] += shift;
+    }
+}
+
+/// Another order of rows: the one in row `rows[a]` comes to row `a`.
+pub(crate) struct Order<'a> {
+    rows: &'a [u32],
+    /// A row of each cycle that moves.
+    cycles: Vec<u32>,
+}
+
+impl<'a> Order<'a> {
+    /// `rows` names each row once.
+    pub(crate) fn new(rows: &'a [u32]) -> Self {
+        let (mut seen, mut cycles) = (vec![false; rows.len()], Vec::new());
+        for first in 0..rows.len() as u32 {
+            if seen[first as usize] || rows[first as usize] == first {
+                continue;
+            }
+            cycles.push(first);
+            let mut row = first;
+            while !std::mem::replace(&mut seen[row as usize], true) {
+                row = rows[row as usize];
+            }
+        }
+        Self { rows, cycles }
+    }
+
+    /// Puts a column into this order, in its own place.
+    pub(crate) fn apply<T: Copy>(&self, column: &mut [T]) {
+        for &first in &self.cycles {
+            let (kept, mut row) = (column[first as usize], first);
+            while self.rows[row as usize] != first {
+                let next = self.rows[row as usize];
+                column[row as usize] = column[next as usize];
+                row = next;
+            }
+            column[row as usize] = kept;
+        }
     }
 }
 
@@ -309,7 +364,7 @@ mod tests {
             p.push(id, Particle { mass: f64::from(id), ..particle(f64::from(id)) });
         }
         p.push_ghost(0, Vector([9.0, 0.0]));
-        p.reorder(&[2, 0, 1]);
+        p.reorder(&Order::new(&[2, 0, 1]));
         assert_eq!((p.owned(), p.len()), (3, 3));
         let mut copy = Particles::new();
         copy.copy_from(&p);

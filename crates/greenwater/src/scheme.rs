@@ -2,6 +2,7 @@
 
 pub mod acoustic;
 mod adjoint;
+mod before;
 pub mod delta_sph;
 pub mod dfsph;
 pub mod edac;
@@ -62,6 +63,15 @@ pub trait Scheme<const D: usize>: Send {
     /// # Errors
     /// The pressure equation was not solved, or a value is no longer finite. The state is then part-way through the step.
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError>;
+
+    /// Whether the method can [take back](Self::take_back) a step. For one that cannot, the driver keeps a copy of all particles.
+    fn takes_back(&self) -> bool {
+        false
+    }
+
+    /// Gives `p` the state before the last [`step`](Self::step), made or failed, but for what the driver does to walls. Periodic positions may
+    /// have been wrapped. The method must be [started](Self::start) again before it steps again.
+    fn take_back(&mut self, _p: &mut Particles<D>, _domain: &Domain<D>) {}
 }
 
 /// What a step did.

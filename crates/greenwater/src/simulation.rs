@@ -6,6 +6,7 @@ use std::time::Instant;
 use thiserror::Error;
 
 use crate::domain::Domain;
+use crate::math::Vector;
 use crate::motion::{self, Motion};
 use crate::observe::{Observer, View};
 use crate::particles::{Kind, Particles};
@@ -71,8 +72,10 @@ pub struct Simulation<const D: usize> {
     step: u64,
     time: f64,
     phases: Phases,
-    /// Copy of the last good state, given back when a step fails.
+    /// Copy of the last good state, given back when a step fails; empty where the method takes steps back by itself.
     last_good: Particles<D>,
+    /// Velocity and acceleration of the moving walls in the last good state.
+    walls: Vec<(Vector<D>, Vector<D>)>,
 }
 
 impl<const D: usize> Simulation<D> {
@@ -88,6 +91,7 @@ impl<const D: usize> Simulation<D> {
         let fall = (2.0 * medium.g() * (domain.max - domain.min).norm().max(medium.depth)).sqrt();
         Self {
             last_good: Particles::new(),
+            walls: Vec::new(),
             particles,
             domain,
             scheme,
@@ -142,7 +146,10 @@ impl<const D: usize> Simulation<D> {
     /// The step failed; particles are then those before it.
     pub fn advance(&mut self) -> Result<(StepLimit, StepReport), RunError> {
         self.scheme.renumber(&mut self.particles);
-        self.last_good.copy_from(&self.particles);
+        motion::read(&self.motions, &self.particles, &mut self.walls);
+        if !self.scheme.takes_back() {
+            self.last_good.copy_from(&self.particles);
+        }
         let limit = match self.fixed_step {
             Some(dt) => StepLimit::new(dt, "fixed"),
             None => self.scheme.time_step(&self.particles),
@@ -157,7 +164,12 @@ impl<const D: usize> Simulation<D> {
                 Ok((limit, report))
             }
             Err(source) => {
-                std::mem::swap(&mut self.particles, &mut self.last_good);
+                if self.scheme.takes_back() {
+                    self.scheme.take_back(&mut self.particles, &self.domain);
+                    motion::give_back(&self.motions, &mut self.particles, &self.walls);
+                } else {
+                    std::mem::swap(&mut self.particles, &mut self.last_good);
+                }
                 Err(RunError::Step { source, time: self.time, step: self.step + 1 })
             }
         }

@@ -53,6 +53,13 @@ pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values
     });
 }
 
+/// Gives back most of the room that a column which grew by doubling does not use.
+pub(crate) fn trim<T>(column: &mut Vec<T>) {
+    if column.capacity() > column.len() + column.len() / 4 {
+        column.shrink_to(column.len() + column.len() / 16);
+    }
+}
+
 /// The largest `value(a)` over `0..n`; `-∞` for none, NaN if any value is NaN.
 pub(crate) fn largest(n: usize, value: impl Fn(usize) -> f64 + Sync + Send) -> f64 {
     (0..n).into_par_iter().with_min_len(4 * BLOCK).map(value).reduce(|| f64::NEG_INFINITY, |a, b| if a.is_nan() || a > b { a } else { b })

@@ -9,8 +9,9 @@ use greenwater::math::Vector;
 use greenwater::particles::{Kind, Particle, Particles};
 use greenwater::physics::diffusion::Diffusion;
 use greenwater::scheme::acoustic::{StartPressure, Stepping, TensileControl};
-use greenwater::scheme::{DeltaSph, DeltaSphSettings, Medium, Preset, Scheme};
+use greenwater::scheme::{DeltaSph, DeltaSphSettings, Isph, IsphSettings, Medium, Preset, Scheme};
 use greenwater::simulation::Simulation;
+use greenwater::time::Phases;
 use greenwater::walls::dummy::{WallPressure, WallSuction};
 
 fn water() -> DeltaSphSettings {
@@ -224,4 +225,29 @@ fn fluid_parts_from_a_wall_without_tension() {
     });
     assert_eq!(parting, 0.0);
     assert!(held < -1e3, "{held} Pa");
+}
+
+/// A step that is taken back leaves no trace, whatever it did: to fluid, to walls, to a particle that it lost.
+#[test]
+fn a_step_taken_back_never_was() {
+    let (start, domain, medium) = pool([10, 8]);
+    let isph = Isph::new(WendlandC2, medium, IsphSettings::preset(Preset::Water)).unwrap();
+    for mut scheme in [scheme(medium, &water()), Box::new(isph)] {
+        let (mut p, mut domain, mut phases) = (start.clone(), domain.clone(), Phases::default());
+        assert!(scheme.takes_back());
+        scheme.start(&mut p, &mut domain).unwrap();
+        for _ in 0..2 {
+            let dt = scheme.time_step(&p).dt;
+            scheme.step(&mut p, &mut domain, dt, &mut phases).unwrap();
+        }
+        p.x[0] = Vector([4.0, 6.0]);
+        p.v[0] = Vector([0.0, 1.0]);
+        let before = p.clone();
+        let dt = scheme.time_step(&p).dt;
+        scheme.step(&mut p, &mut domain, dt, &mut phases).unwrap();
+        assert_eq!(p.kind[0], Kind::Lost);
+        assert_ne!(p, before);
+        scheme.take_back(&mut p, &domain);
+        assert_eq!(p, before);
+    }
 }

@@ -55,7 +55,7 @@ struct Level {
     from_next: Sliced,
     to_next: Sliced,
     b: Vec<f32>,
-    /// Two corrections of a smoothing, the residual, what the next level adds, and the solution.
+    /// Two corrections of a smoothing (one on the finest level), the residual, what the next level adds, and the solution.
     d: Vec<f32>,
     e: Vec<f32>,
     r: Vec<f32>,
@@ -65,7 +65,7 @@ struct Level {
 
 impl Level {
     fn resize(&mut self, n: usize) {
-        for vector in [&mut self.b, &mut self.d, &mut self.e, &mut self.r, &mut self.c] {
+        for vector in [&mut self.b, &mut self.d, &mut self.r, &mut self.c] {
             vector.resize(n, 0.0);
         }
     }
@@ -138,19 +138,14 @@ pub(super) struct Multigrid {
     depth: usize,
     /// Inverse of the coarsest level, where it is small.
     inverse: Vec<f32>,
-    scratch: Scratch,
 }
 
-/// What is needed while levels are built.
+/// What is needed while a level is built: more memory than what is kept of it, and needed once in many solves.
 #[derive(Debug, Default)]
 struct Scratch {
     aggregate: Vec<u32>,
     from_next: Rows,
     to_next: Rows,
-    /// `A P`, and `Pᵀ A P`.
-    product: Rows,
-    next: Rows,
-    dense: Vec<f64>,
     work: Workspaces,
 }
 
@@ -161,6 +156,7 @@ impl Multigrid {
             return Err(SolveError::Singular { stage: "multigrid", row, pivot });
         }
         self.depth = 1;
+        let mut scratch = Scratch::default();
         loop {
             let here = self.depth - 1;
             if self.levels.len() < self.depth {
@@ -171,7 +167,7 @@ impl Multigrid {
             let a = if here == 0 { a } else { &above[here - 1] };
             let level = &mut self.levels[here];
             level.resize(a.rows());
-            if self.depth == LEVELS || !level.coarsen(a, here == 0, &mut next[0], &mut self.scratch) {
+            if self.depth == LEVELS || !level.coarsen(a, here == 0, &mut next[0], &mut scratch) {
                 let rows = a.rows();
                 return self.invert(here, rows);
             }
@@ -186,14 +182,12 @@ impl Multigrid {
         if n > COARSEST || level == 0 {
             return Ok(());
         }
-        let (a, dense) = (&self.below[level - 1], &mut self.scratch.dense);
-        dense.clear();
-        dense.resize(n * n, 0.0);
+        let (a, mut dense) = (&self.below[level - 1], vec![0.0; n * n]);
         for i in 0..n {
             dense[i * n + i] = (1.0 + COARSE_SHIFT) * a.diagonal(i);
             a.row(i).for_each(|(j, weight)| dense[i * n + j as usize] -= f64::from(weight));
         }
-        invert(n, dense).map_err(|(row, pivot)| SolveError::Singular { stage: "multigrid", row, pivot })?;
+        invert(n, &mut dense).map_err(|(row, pivot)| SolveError::Singular { stage: "multigrid", row, pivot })?;
         // Rounding must not cost the inverse its symmetry.
         self.inverse.extend((0..n * n).map(|k| (0.5 * (dense[k] + dense[k % n * n + k / n])) as f32));
         Ok(())
@@ -253,7 +247,8 @@ impl Multigrid {
         let a = std::mem::take(&mut self.below[i - 1]);
         let mut x = std::mem::take(&mut self.levels[i].x);
         x.resize(a.rows(), 0.0);
-        let Level { b, d, .. } = &mut self.levels[i];
+        let Level { b, d, e, .. } = &mut self.levels[i];
+        e.resize(a.rows(), 0.0);
         start(d, START, b, a.inverse());
         self.levels[i].descend(&a);
         self.correct(i);
@@ -267,7 +262,7 @@ impl Level {
     /// Makes the matrix of the next level and the ways to it; whether there is one.
     fn coarsen(&mut self, a: &Sliced, finest: bool, next: &mut Sliced, scratch: &mut Scratch) -> bool {
         let rows = a.rows();
-        let Scratch { aggregate, from_next, to_next, product, next: square, work, .. } = scratch;
+        let Scratch { aggregate, from_next, to_next, work } = scratch;
         if rows <= COARSEST {
             return false;
         }
@@ -276,13 +271,15 @@ impl Level {
         if count == 0 || count as f64 > SLOWEST * rows as f64 {
             return false;
         }
+        // Old ways make room for new ones.
+        (self.from_next, self.to_next) = (Sliced::default(), Sliced::default());
         from_next.smoothed(a, DAMPING, aggregate, count, work);
         to_next.transpose_of(from_next, count);
-        product.product_of_level(a, from_next, count, work);
-        square.product(to_next, product, count, work);
-        from_next.slice(count, &mut self.from_next);
-        to_next.slice(rows, &mut self.to_next);
+        let mut square = Rows::default();
+        square.product_of_level(to_next, a, from_next, work);
         square.slice_square(next);
+        std::mem::take(from_next).slice(count, &mut self.from_next);
+        std::mem::take(to_next).slice(rows, &mut self.to_next);
         true
     }
 }

@@ -5,6 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::gather::{LANES, Lanes, Slices};
+use crate::sweep::trim;
 
 /// Rows built or multiplied as one piece of work: whole slices.
 pub const ROWS: usize = 32 * LANES;
@@ -147,6 +148,9 @@ impl Sliced {
                     }
                     slices.close();
                 }
+                trim(weights);
+                slices.shrink_to(weights.capacity());
+                arms.arms.iter_mut().for_each(trim);
             },
         );
         self.entries = self.blocks.iter().map(|block| block.entries).sum();
@@ -158,6 +162,7 @@ impl Sliced {
             fill(i, row);
             0.0
         });
+        (self.diagonal, self.inverse) = (Vec::new(), Vec::new());
     }
 
     /// Number of rows (and columns).
@@ -301,8 +306,8 @@ impl Sliced {
         });
     }
 
-    /// `y_i = (Σ_j (x_j,k − x_i,k) arm_l,ij)_kl` for every row, in double precision.
-    pub fn strain<const S: usize>(&self, arms: &Arms<S>, x: &[[f64; S]], y: &mut [[[f64; S]; S]]) {
+    /// `set((Σ_j (x_j,k − x_i,k) arm_l,ij)_kl, &mut y_i)` for every row, in double precision.
+    pub fn strain<const S: usize, T: Send>(&self, arms: &Arms<S>, x: &[[f64; S]], y: &mut [T], set: impl Fn([[f64; S]; S], &mut T) + Sync) {
         self.by_block(y, |number, y| {
             let (block, arms) = (&self.blocks[number], &arms.blocks[number]);
             let arms: [&[Lanes<f32>]; S] = std::array::from_fn(|s| arms.arms[s].as_slice());
@@ -311,7 +316,7 @@ impl Sliced {
                 let own = std::array::from_fn(|k| Lanes(std::array::from_fn(|lane| x[(first + lane).min(self.rows - 1)][k])));
                 let sums = block.slices.strain(s, arms, x, &own);
                 for (lane, y) in y.iter_mut().enumerate() {
-                    *y = std::array::from_fn(|k| std::array::from_fn(|l| sums[k][l].0[lane]));
+                    set(std::array::from_fn(|k| std::array::from_fn(|l| sums[k][l].0[lane])), y);
                 }
             }
         });

@@ -6,24 +6,26 @@ pub(super) mod relative;
 mod start;
 mod sums;
 
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::sums::{DensitySlope, Dilation, Kick, Looking, Shifting};
+use super::before::{Before, follow};
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::lanes::{InstructionSet, LANES, Real, Record, sweep_lanes, sweep_lanes2};
 use crate::math::Vector;
 use crate::neighbors::{NOBODY, Neighbors, Search};
-use crate::particles::{Kind, Particles};
+use crate::particles::{Kind, Order, Particles};
 use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new_density};
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record};
 use crate::physics::state::{EquationOfState, PressureLaw};
 use crate::reduce::sum;
-use crate::sweep::{largest, sweep, update, update2};
+use crate::sweep::{BLOCK, largest, sweep, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
 
@@ -223,7 +225,7 @@ struct Bulk {
     rate: f64,
     /// The part of it that is compression, `−ρ0 ∇·v`, kg/(m³ s).
     compression: f64,
-    /// The part of it that draws dilated fluid together, kg/(m³ s).
+    /// The part of it that draws dilated fluid together, kg/(m³ s). Before the first sound step: the rate of strain, 1/s.
     pull: f64,
     /// Least pressure, Pa.
     least: f64,
@@ -253,7 +255,8 @@ const ORDER_EVERY: u64 = 64;
 /// (shifting).
 ///
 /// During a step the particles are records that sums over pairs read eight at a time. A sum reads one set of them and writes the
-/// other, so that a sound step is two passes: velocities at the middle, densities at the end.
+/// other, so that a sound step is two passes: velocities at the middle, densities at the end. Between steps they are room: for the search
+/// of pairs, and behind a step for the state before it, which is there to be taken back.
 pub struct Acoustic<K, const D: usize> {
     kernel: K,
     medium: Medium<D>,
@@ -267,12 +270,12 @@ pub struct Acoustic<K, const D: usize> {
     /// Of all rows, and nobody.
     place: Vec<Place>,
     /// Positions, velocities and pressures in the middle of a sound step; of all rows, and nobody. Before the first sound step: shifts.
+    /// Behind the last one: positions and velocities before the step.
     middle: Vec<Record>,
-    /// Positions, velocities and densities at its end.
+    /// Positions, velocities and densities at its end. Behind the last one: the other columns before the step, see [`settle`](Self::settle).
     end: Vec<Record>,
     bulk: Vec<Bulk>,
-    /// Rate of strain of fluid, 1/s.
-    strain: Vec<f64>,
+    before: Before<D>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
     gradient: Vec<Vector<D>>,
     /// The kernel of each row, for pair terms with linear kernels.
@@ -302,7 +305,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             middle: Vec::new(),
             end: Vec::new(),
             bulk: Vec::new(),
-            strain: Vec::new(),
+            before: Before::default(),
             gradient: Vec::new(),
             linear: Vec::new(),
             fresh: Vec::new(),
@@ -339,21 +342,30 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         let support = self.kernel.radius() + SKIN;
         domain.refresh(p, support * p.h_max());
-        self.near.build(p, support, self.plan.search)?;
+        self.near.list(p, support, self.plan.search, &mut self.end)?;
+        if self.plan.walls == WallPressure::GhostNodes {
+            self.near.follow(p);
+        }
         self.walls.search(self.kernel, &self.near, p, self.medium.spacing, self.kernel.radius());
-        let rows = p.len() + 1;
         self.lengths.clear();
         if p.h_min() < p.h_max() {
             self.lengths.extend_from_slice(&p.h);
             self.lengths.push(p.h_max());
         }
+        self.make_room(p);
+        Ok(())
+    }
+
+    /// Room for what belongs to each particle during a step.
+    fn make_room(&mut self, p: &Particles<D>) {
+        let rows = p.len() + 1;
         self.place.resize(rows, Place::Dry);
         self.place[p.len()] = Place::Dry;
         for records in [&mut self.middle, &mut self.end] {
             records.resize(rows, NOBODY);
             records[p.len()] = NOBODY;
         }
-        Ok(())
+        self.bulk.resize(p.owned(), Bulk::default());
     }
 
     /// Which particles belong to the free surface, its normal there, and how fast fluid is strained; leaves positions, normals and
@@ -361,8 +373,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (x, v, mass, kind, owned) = (&p.x, &p.v, &p.mass, &p.kind, p.owned());
         sweep(&mut self.middle[..p.x.len()], |a| record(x[a], v[a], 0.0, mass[a], kind[a] != Kind::Fluid));
-        let (mut end, mut strain) = (std::mem::take(&mut self.end), std::mem::take(&mut self.strain));
-        strain.resize(owned, 0.0);
+        let (mut end, mut bulk) = (std::mem::take(&mut self.end), std::mem::take(&mut self.bulk));
         let looking = Looking {
             pairs: self.pairs(&self.middle),
             scale: self.volume_scale(),
@@ -373,11 +384,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             mass: &p.mass,
             h: &p.h,
         };
-        sweep_lanes2(self.set, &mut end[..owned], &mut strain, &looking);
+        sweep_lanes2(self.set, &mut end[..owned], &mut bulk, &looking);
         sweep(&mut p.surface[..owned], |a| u8::from(kind[a] == Kind::Fluid && end[a].v::<D>() != Vector::ZERO));
         domain.refresh_records(&mut end);
         domain.refresh_column(&mut p.surface);
-        (self.end, self.strain) = (end, strain);
+        (self.end, self.bulk) = (end, bulk);
     }
 
     /// Finds who is near the free surface, and how particles are shifted over a step `dt`: not those of the surface, those near it
@@ -390,7 +401,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             scale: self.volume_scale(),
             plan: &self.plan,
             spacing: self.medium.spacing,
-            strain: &self.strain,
+            bulk: &self.bulk,
             fastest: fastest(p),
             dt,
             kind: &p.kind,
@@ -514,37 +525,54 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         (self.middle, self.bulk) = (middle, bulk);
     }
 
-    /// Gives `p` the state that the last sound step left in `middle`.
-    fn settle(&self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
-        let (owned, rest) = (p.owned(), self.plan.state.rest);
-        let (middle, bulk, kind) = (&self.middle, &self.bulk, &p.kind);
-        let (v, acceleration) = (&mut p.v[..owned], &mut p.acceleration[..owned]);
-        update2(v, acceleration, |a, v, acceleration| {
-            if kind[a] == Kind::Fluid {
-                let now = middle[a].v();
-                if dt > 0.0 {
-                    *acceleration = (now - *v) / dt;
+    /// Gives `p` the state that the last sound step left in `middle`, and keeps the one before it: `x` and `v` in their places there; in `end`
+    /// density as what a record carries, acceleration as its velocity, rate of density and pressure as the first two numbers.
+    fn settle(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
+        let (rest, bulk) = (self.plan.state.rest, &self.bulk);
+        columns(p, &mut self.middle, &mut self.end).for_each(
+            |(block, (kind, x, v, density, pressure, acceleration, rate, middle, end))| {
+                for i in 0..x.len() {
+                    end[i].set_v(acceleration[i]);
+                    [end[i].0[0], end[i].0[1]] = [rate[i], pressure[i]];
+                    *end[i].value_mut::<D>() = density[i];
+                    let (before, now) = ((x[i], v[i]), (middle[i].x(), middle[i].v()));
+                    match kind[i] {
+                        Kind::Fluid => {
+                            if dt > 0.0 {
+                                acceleration[i] = (now.1 - v[i]) / dt;
+                            }
+                            (x[i], v[i]) = now;
+                            let Bulk { density: now, rate: changing, .. } = bulk[block * BLOCK + i];
+                            (pressure[i], density[i], rate[i]) = (middle[i].value::<D>(), now, changing);
+                        }
+                        Kind::Wall => (pressure[i], density[i]) = (0.0, rest),
+                        Kind::Lost => {}
+                    }
+                    middle[i].0[..D].copy_from_slice(&before.0.0);
+                    middle[i].set_v(before.1);
                 }
-                *v = now;
-            }
-        });
-        update2(&mut p.x[..owned], &mut p.density_rate[..owned], |a, x, rate| {
-            if kind[a] == Kind::Fluid {
-                (*x, *rate) = (middle[a].x(), bulk[a].rate);
-            }
-        });
-        update2(&mut p.pressure[..owned], &mut p.density[..owned], |a, pressure, density| match kind[a] {
-            Kind::Fluid => (*pressure, *density) = (middle[a].value::<D>(), bulk[a].density),
-            Kind::Wall => (*pressure, *density) = (0.0, rest),
-            Kind::Lost => {}
-        });
+            },
+        );
         for (a, pressure) in self.walls.pressures() {
             (p.pressure[a], p.density[a]) = (pressure, self.plan.state.density(pressure));
         }
-        domain.follow(&mut p.x);
-        domain.refresh_column(&mut p.v);
-        domain.refresh_column(&mut p.pressure);
-        domain.refresh_column(&mut p.density);
+        self.before.settled = true;
+        follow(p, domain);
+    }
+
+    /// Gives `p` the state back that it had before [`settle`](Self::settle), and `middle` the one that it got there.
+    fn unsettle(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        columns(p, &mut self.middle, &mut self.end).for_each(|(_, (_, x, v, density, pressure, acceleration, rate, middle, end))| {
+            for i in 0..x.len() {
+                let now = (x[i], v[i]);
+                (x[i], v[i], acceleration[i]) = (middle[i].x(), middle[i].v(), end[i].v());
+                ([rate[i], pressure[i]], density[i]) = ([end[i].0[0], end[i].0[1]], end[i].value::<D>());
+                middle[i].0[..D].copy_from_slice(&now.0.0);
+                middle[i].set_v(now.1);
+            }
+        });
+        self.before.settled = false;
+        follow(p, domain);
     }
 
     /// Linear kernels of the fluid at the positions of `end`, else of `middle`, over fluid and walls. Walls go on where there are no
@@ -581,6 +609,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let (near, kernel, reset, owned) = (&self.near, self.kernel, self.plan.density_reset, p.owned());
         self.fresh.resize(owned, 0.0);
         sweep(&mut self.fresh, |a| if p.is_fluid(a) { new_density(kernel, near, p, reset, a) } else { p.density[a] });
+        self.unsettle(p, domain);
         for (a, &density) in self.fresh.iter().enumerate().filter(|(a, _)| p.kind[*a] == Kind::Fluid) {
             self.bulk[a].density = density;
             *self.middle[a].value_mut::<D>() = self.plan.state.pressure(density);
@@ -616,6 +645,38 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let stiffness = self.plan.damping.max(1.0);
         self.plan.acoustic_courant * p.h_min() / ((self.plan.state.sound + fastest(p)) * stiffness)
     }
+}
+
+/// Kinds, positions, velocities, densities, pressures, accelerations and rates of density of a block, with the records of the middle and the
+/// end.
+type Columns<'a, const D: usize> = (
+    &'a [Kind],
+    &'a mut [Vector<D>],
+    &'a mut [Vector<D>],
+    &'a mut [f64],
+    &'a mut [f64],
+    &'a mut [Vector<D>],
+    &'a mut [f64],
+    &'a mut [Record],
+    &'a mut [Record],
+);
+
+/// The real rows of the columns that a step changes, block by block.
+fn columns<'a, const D: usize>(
+    p: &'a mut Particles<D>,
+    middle: &'a mut [Record],
+    end: &'a mut [Record],
+) -> impl IndexedParallelIterator<Item = (usize, Columns<'a, D>)> {
+    let owned = p.owned();
+    let kind = p.kind[..owned].par_chunks(BLOCK);
+    let x = p.x[..owned].par_chunks_mut(BLOCK);
+    let v = p.v[..owned].par_chunks_mut(BLOCK);
+    let density = p.density[..owned].par_chunks_mut(BLOCK);
+    let pressure = p.pressure[..owned].par_chunks_mut(BLOCK);
+    let acceleration = p.acceleration[..owned].par_chunks_mut(BLOCK);
+    let rate = p.density_rate[..owned].par_chunks_mut(BLOCK);
+    let (middle, end) = (middle[..owned].par_chunks_mut(BLOCK), end[..owned].par_chunks_mut(BLOCK));
+    (kind, x, v, density, pressure, acceleration, rate, middle, end).into_par_iter().enumerate()
 }
 
 /// A density after a change. A free surface bears no tension: liquid there parts instead of stretching, so its density is never below
@@ -666,15 +727,28 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
             return;
         }
         self.since_order = 0;
-        let order = self.near.order(p);
-        if order.len() == p.owned() {
+        let bulk = &mut self.bulk;
+        self.near.in_order(p.owned(), |rows| {
+            let order = Order::new(rows);
             p.reorder(&order);
-            self.bulk = order.iter().map(|&row| self.bulk[row as usize]).collect();
+            order.apply(bulk);
+        });
+    }
+
+    fn takes_back(&self) -> bool {
+        true
+    }
+
+    fn take_back(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        if self.before.settled {
+            self.unsettle(p, domain);
         }
+        self.before.give_back(p, domain);
     }
 
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
         // (1) pairs, free surface, shift: once a step
+        self.before.read(p, domain);
         phases.measure("search", || self.search(p, domain))?;
         phases.measure("surface", || self.surface(p, domain));
         phases.measure("shifting", || self.shift(p, domain, dt));

@@ -13,6 +13,7 @@ use self::exact::Exact;
 use self::numbering::Numbering;
 use self::parts::Parts;
 use self::walls::Guarded;
+use super::before::Before;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
@@ -80,11 +81,9 @@ struct Flow<const D: usize> {
     /// Right side of an equation and its solution, by unknown.
     source: Vec<f64>,
     unknowns: Vec<f64>,
-    gradient: Vec<Vector<D>>,
-    /// A vector field by unknown, and `T` of velocity and shift; see [`look_at_velocity`](Self::look_at_velocity).
+    /// A vector field by unknown, and `T` of the velocity; see [`look_at_velocity`](Self::look_at_velocity).
     by_unknown: Vec<[f64; D]>,
     strain: Vec<[[f64; D]; D]>,
-    shift_strain: Vec<[[f64; D]; D]>,
     /// Norm of the right side of the first pressure solve of a step.
     first_source: f64,
     solution: Vec<f64>,
@@ -92,11 +91,13 @@ struct Flow<const D: usize> {
     /// Potential of the clean-up, m²/s.
     cleaning: Vec<f64>,
     v: Vec<Vector<D>>,
-    v_next: Vec<Vector<D>>,
-    /// `g − a` on wall rows, m/s²: what their pressure answers to.
-    answer: Vec<Vector<D>>,
+    /// The shift, m; behind a step the accelerations before it.
     shift: Vec<Vector<D>>,
+    /// Where particles go; behind a step where they came from.
     moved: Vec<Guarded<D>>,
+    before: Before<D>,
+    /// Densities before the step, kg/m³.
+    densities: Vec<f64>,
     /// Unit normal of each wall particle, towards the fluid, deeper lines that of the first one in front of them.
     normals: Vec<Vector<D>>,
     first_line: Vec<u32>,
@@ -134,19 +135,17 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             bending: Vec::new(),
             source: Vec::new(),
             unknowns: Vec::new(),
-            gradient: Vec::new(),
             by_unknown: Vec::new(),
             strain: Vec::new(),
-            shift_strain: Vec::new(),
             first_source: 0.0,
             solution: Vec::new(),
             pressure: Vec::new(),
             cleaning: Vec::new(),
             v: Vec::new(),
-            v_next: Vec::new(),
-            answer: Vec::new(),
             shift: Vec::new(),
             moved: Vec::new(),
+            before: Before::default(),
+            densities: Vec::new(),
             normals: Vec::new(),
             first_line: Vec::new(),
             dt_before: None,
@@ -158,7 +157,10 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
     /// Ghosts, pairs, `f` of each pair, and what they say about each particle.
     fn look_around(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         domain.refresh(p, self.kernel.radius() * p.h_max());
-        self.flow.near.build(p, self.kernel.radius(), self.flow.settings.search)?;
+        // Records are made anew after the search.
+        let Flow { near, sense, settings, .. } = &mut self.flow;
+        near.list(p, self.kernel.radius(), settings.search, &mut sense.records)?;
+        near.follow(p);
         let (kernel, rest, owned) = (self.kernel, self.flow.medium.rest_density, p.owned());
         let flow = &mut self.flow;
         let first = flow.walls_turn(p).then(|| wall_normals(kernel, &flow.near, p));
@@ -286,7 +288,7 @@ impl<const D: usize> Flow<D> {
         self.by_unknown.resize(numbering.len(), [0.0; D]);
         self.strain.resize(numbering.len(), [[0.0; D]; D]);
         sweep(&mut self.by_unknown, |k| v[numbering.row(k)].0);
-        self.sliced.strain(&self.arms, &self.by_unknown, &mut self.strain);
+        self.sliced.strain(&self.arms, &self.by_unknown, &mut self.strain, |strain, of_velocity| *of_velocity = strain);
     }
 
     /// `D v` of unknown `k`, 1/s; [`strain`](Self::look_at_velocity) is that of `self.v`.
@@ -428,7 +430,7 @@ impl<const D: usize> Flow<D> {
             if answered == Answer::Full && self.at[a].off_walls != Vector::ZERO {
                 self.near.for_each_with(a, &self.f, |b, x_ab, f| {
                     if !p.is_fluid(b) {
-                        walls -= 2.0 * f * rest * self.answer[b].dot(x_ab);
+                        walls -= 2.0 * f * rest * self.answer(p, b).dot(x_ab);
                     }
                 });
             }
@@ -479,12 +481,11 @@ impl<const D: usize> Flow<D> {
         }
     }
 
-    /// `∇p` of each unknown, Pa/m, in `self.gradient`: corrected differences, to walls along their normal only (a wall says nothing of the
+    /// `∇p` of each unknown, Pa/m, in `self.by_unknown`: corrected differences, to walls along their normal only (a wall says nothing of the
     /// gradient along it: a drop that slides down feels its weight). Nothing pushes particles apart: positions are kept in order by moving
     /// them.
     fn pressure_gradient(&mut self, p: &Particles<D>, answered: Answer) {
-        let mut gradient = std::mem::take(&mut self.gradient);
-        gradient.resize(self.numbering.len(), Vector::ZERO);
+        let mut gradient = std::mem::take(&mut self.by_unknown);
         let this = &*self;
         this.sliced.rise(&this.arms, &this.unknowns, &mut gradient, |k, rise, gradient| {
             let a = this.numbering.row(k);
@@ -493,13 +494,13 @@ impl<const D: usize> Flow<D> {
                 this.near.for_each_with(a, &this.f, |b, x_ab, f| {
                     if !p.is_fluid(b) {
                         let along = known_along(x_ab, this.normals[b]);
-                        differences += f * this.medium.rest_density * this.answer[b].dot(along) * along;
+                        differences += f * this.medium.rest_density * this.answer(p, b).dot(along) * along;
                     }
                 });
             }
-            *gradient = transform(&this.at[a].correction, differences);
+            *gradient = transform(&this.at[a].correction, differences).0;
         });
-        self.gradient = gradient;
+        self.by_unknown = gradient;
     }
 
     /// (4): a few iterations of the exact projection on the velocity.
@@ -536,21 +537,22 @@ impl<const D: usize> Flow<D> {
         }
         let (numbering, shift) = (&self.numbering, &self.shift);
         sweep(&mut self.by_unknown, |k| shift[numbering.row(k)].0);
-        self.shift_strain.resize(numbering.len(), [[0.0; D]; D]);
-        self.sliced.strain(&self.arms, &self.by_unknown, &mut self.shift_strain);
+        // The pressure of the step is known, and its unknowns are free.
+        let mut swelling = std::mem::take(&mut self.unknowns);
+        self.sliced.strain(&self.arms, &self.by_unknown, &mut swelling, |strain, swelling| *swelling = trace(&strain));
         let mut source = std::mem::take(&mut self.source);
         sweep(&mut source, |k| {
             let a = self.numbering.row(k);
             let at = &self.at[a];
             // Walls are not shifted.
-            let by_shift = at.off_walls.dot(self.shift[a]) - trace(&self.shift_strain[k]);
+            let by_shift = at.off_walls.dot(self.shift[a]) - swelling[k];
             let crowded = at.density_error() >= 0.0 && at.place != Place::Inside;
             let error = if crowded { at.filling - 1.0 } else { at.density_error() };
             let source = 0.5 * error * self.lattice.sum_w - dt * self.divergence(p, k) - by_shift;
             if crowded { source.max(0.0) } else { source }
         });
         self.exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.density_iterations);
-        self.source = source;
+        (self.source, self.unknowns) = (source, swelling);
         let (numbering, exact, most) = (&self.numbering, &self.exact, 0.1 * self.medium.spacing);
         update(&mut self.shift[..owned], |a, shift| {
             if let Some(k) = numbering.place(a) {
@@ -624,7 +626,18 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
         self.flow.time_step(p)
     }
 
+    fn takes_back(&self) -> bool {
+        true
+    }
+
+    fn take_back(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        self.flow.take_back(p, domain);
+    }
+
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
+        self.flow.before.read(p, domain);
+        self.flow.densities.clear();
+        self.flow.densities.extend_from_slice(&p.density[..p.owned()]);
         rayon::scope(|_| {
             phases.measure("search", || self.look_around(p, domain))?;
             self.flow.step(p, domain, dt, phases)
@@ -690,29 +703,41 @@ impl<const D: usize> Flow<D> {
         phases.measure("motion", || {
             let mut moved = std::mem::take(&mut self.moved);
             moved.resize(owned, Guarded::default());
-            sweep(&mut moved, |a| if p.is_fluid(a) { self.guarded(p, a, dt) } else { Guarded::default() });
+            sweep(&mut moved, |a| if p.is_fluid(a) { self.guarded(p, a, dt) } else { Guarded::at(p.x[a], p.v[a]) });
             let (medium, at) = ((self.medium.gravity, self.medium.spacing), &self.at);
             self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, medium, (dt, kick), &mut moved);
-            self.moved = moved;
-            let (moved, kind) = (&self.moved, &p.kind);
-            update2(&mut p.acceleration[..owned], &mut p.v[..owned], |a, acceleration, v| {
+            let (v, kind) = (&p.v, &p.kind);
+            update2(&mut p.acceleration[..owned], &mut self.shift, |a, acceleration, before| {
+                *before = *acceleration;
                 if kind[a] == Kind::Fluid {
-                    *acceleration = (moved[a].v - *v) / kick;
-                    *v = moved[a].v;
+                    *acceleration = (moved[a].v - v[a]) / kick;
                 }
             });
+            update2(&mut p.v[..owned], &mut moved, |_, v, moved| std::mem::swap(v, &mut moved.v));
+            self.moved = moved;
+            std::mem::swap(&mut p.pressure, &mut self.solution);
             p.pressure.clone_from(&self.pressure);
             self.wall_pressures(p);
             self.wall_forces(p, domain, kick);
-            let (moved, kind) = (&self.moved, &p.kind);
-            update(&mut p.x[..owned], |a, x| {
-                if kind[a] == Kind::Fluid {
-                    *x = moved[a].x;
-                }
-            });
+            update2(&mut p.x[..owned], &mut self.moved, |_, x, moved| std::mem::swap(x, &mut moved.x));
+            self.before.settled = true;
         });
         self.dt_before = Some(dt);
         Ok(report)
+    }
+
+    /// Gives `p` the state before the step.
+    fn take_back(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        let owned = p.owned();
+        if self.before.settled {
+            for (a, moved) in self.moved.iter().enumerate() {
+                (p.x[a], p.v[a]) = (moved.x, moved.v);
+            }
+            p.acceleration[..owned].copy_from_slice(&self.shift);
+            p.pressure.copy_from_slice(&self.solution);
+        }
+        p.density[..owned].copy_from_slice(&self.densities);
+        self.before.give_back(p, domain);
     }
 
     /// (1): the velocity without pressure, in `self.v`; friction of walls in `p.force`.
@@ -724,7 +749,7 @@ impl<const D: usize> Flow<D> {
         let this = &*self;
         sweep(&mut v[..owned], |a| match p.kind[a] {
             Kind::Fluid => p.v[a] + dt * (this.medium.gravity + this.viscosity(p, a, speed)),
-            Kind::Wall => p.v[a] + dt * this.answer[a],
+            Kind::Wall => p.v[a] + dt * this.answer(p, a),
             Kind::Lost => Vector::ZERO,
         });
         let nu = self.diffusivity();
@@ -767,23 +792,17 @@ impl<const D: usize> Flow<D> {
             let solved = self.solve(p, domain, dt, answered)?;
             iterations += solved.iterations;
             residual = residual.max(solved.residual);
-            let mut next = std::mem::take(&mut self.v_next);
-            next.resize(p.len(), Vector::ZERO);
             self.pressure_gradient(p, answered);
-            sweep(&mut next[..owned], |a| match p.kind[a] {
-                Kind::Fluid => self.v[a] - (dt / rest) * self.numbering.place(a).map_or(Vector::ZERO, |k| self.gradient[k]),
-                Kind::Wall => p.v[a],
-                Kind::Lost => Vector::ZERO,
-            });
-            let mut rise = std::mem::take(&mut self.rise);
-            update(&mut rise, |a, rise| {
-                let before = if pass == 0 { Vector::ZERO } else { *rise };
-                if p.is_fluid(a) {
-                    *rise = before + (rest / dt) * (self.v[a] - next[a]);
+            let (numbering, gradient) = (&self.numbering, &self.by_unknown);
+            update2(&mut self.v[..owned], &mut self.rise, |a, v, rise| match p.kind[a] {
+                Kind::Fluid => {
+                    let next = *v - (dt / rest) * numbering.place(a).map_or(Vector::ZERO, |k| Vector(gradient[k]));
+                    let before = if pass == 0 { Vector::ZERO } else { *rise };
+                    (*v, *rise) = (next, before + (rest / dt) * (*v - next));
                 }
+                Kind::Wall => *v = p.v[a],
+                Kind::Lost => *v = Vector::ZERO,
             });
-            self.rise = rise;
-            self.v_next = std::mem::replace(&mut self.v, next);
             let solution = &self.solution;
             update(&mut self.pressure, |a, total| *total += solution[a]);
         }

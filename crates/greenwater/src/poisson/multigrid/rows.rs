@@ -1,13 +1,18 @@
 //! Sparse matrices in single precision, and the products that make one level from another.
 
+use std::ops::Range;
 use std::sync::Mutex;
 
 use rayon::prelude::*;
 
 use crate::poisson::sliced::Sliced;
+use crate::sweep::trim;
 
 /// Rows made as one piece of work.
 const ROWS: usize = 512;
+
+/// Bands of rows in which a level is made from the one above: what two of them need both is computed twice.
+const BANDS: usize = 8;
 
 /// Row without an aggregate.
 pub(super) const NONE: u32 = u32::MAX;
@@ -75,11 +80,28 @@ impl Workspaces {
     }
 }
 
-impl Rows {
-    pub(super) fn rows(&self) -> usize {
-        self.rows
-    }
+/// Fills the blocks of rows `rows`; `fill(i, row)` adds to row `i`.
+fn gather(blocks: &mut [Block], rows: Range<usize>, columns: usize, work: &mut Workspaces, fill: impl Fn(usize, &mut LastRow) + Sync) {
+    work.prepare();
+    let work = &*work;
+    blocks.par_iter_mut().enumerate().for_each(|(number, block)| {
+        work.with(columns, |places| {
+            block.ends.clear();
+            block.columns.clear();
+            block.values.clear();
+            let first = rows.start + number * ROWS;
+            for i in first..rows.end.min(first + ROWS) {
+                let start = block.columns.len();
+                fill(i, &mut LastRow { block, start, places });
+                block.ends.push(block.columns.len() as u32);
+            }
+            trim(&mut block.columns);
+            trim(&mut block.values);
+        });
+    });
+}
 
+impl Rows {
     #[inline]
     pub(super) fn row(&self, i: usize) -> impl Iterator<Item = (u32, f32)> + '_ {
         let (block, at) = (&self.blocks[i / ROWS], i % ROWS);
@@ -91,20 +113,7 @@ impl Rows {
     fn gather(&mut self, n: usize, columns: usize, work: &mut Workspaces, fill: impl Fn(usize, &mut LastRow) + Sync) {
         self.rows = n;
         self.blocks.resize_with(n.div_ceil(ROWS), Block::default);
-        work.prepare();
-        let work = &*work;
-        self.blocks.par_iter_mut().enumerate().for_each(|(number, block)| {
-            work.with(columns, |places| {
-                block.ends.clear();
-                block.columns.clear();
-                block.values.clear();
-                for i in number * ROWS..n.min((number + 1) * ROWS) {
-                    let start = block.columns.len();
-                    fill(i, &mut LastRow { block, start, places });
-                    block.ends.push(block.columns.len() as u32);
-                }
-            });
-        });
+        gather(&mut self.blocks, 0..n, columns, work, fill);
     }
 
     /// `(I − damping D⁻¹A) T` with `T` one where a row belongs to one of `count` aggregates.
@@ -124,24 +133,35 @@ impl Rows {
         });
     }
 
-    /// `A · right`.
-    pub(super) fn product_of_level(&mut self, a: &Sliced, right: &Rows, columns: usize, work: &mut Workspaces) {
-        self.gather(a.rows(), columns, work, |i, row| {
-            let diagonal = a.diagonal(i) as f32;
-            right.row(i).for_each(|(j, other)| row.add(j, diagonal * other));
-            for (k, weight) in a.row(i) {
-                right.row(k as usize).for_each(|(j, other)| row.add(j, -weight * other));
-            }
-        });
-    }
-
-    /// `left · right`.
-    pub(super) fn product(&mut self, left: &Rows, right: &Rows, columns: usize, work: &mut Workspaces) {
-        self.gather(left.rows(), columns, work, |i, row| {
-            for (k, value) in left.row(i) {
-                right.row(k as usize).for_each(|(j, other)| row.add(j, value * other));
-            }
-        });
+    /// `Pᵀ A P`, with `P` in `right` and its transpose in `left`. Bands of rows one after the other: of `A P`, the largest matrix of all, only what a
+    /// band needs is there at a time.
+    pub(super) fn product_of_level(&mut self, left: &Rows, a: &Sliced, right: &Rows, work: &mut Workspaces) {
+        let n = left.rows;
+        self.rows = n;
+        self.blocks.resize_with(n.div_ceil(ROWS), Block::default);
+        let (mut needed, mut product) = (Vec::new(), Rows::default());
+        let blocks_of_band = self.blocks.len().div_ceil(BANDS).max(1);
+        for (band, blocks) in self.blocks.chunks_mut(blocks_of_band).enumerate() {
+            let first = band * blocks_of_band * ROWS;
+            let rows = first..n.min(first + blocks.len() * ROWS);
+            needed.clear();
+            needed.resize(a.rows(), false);
+            rows.clone().for_each(|i| left.row(i).for_each(|(k, _)| needed[k as usize] = true));
+            product.gather(a.rows(), n, work, |i, row| {
+                if needed[i] {
+                    let diagonal = a.diagonal(i) as f32;
+                    right.row(i).for_each(|(j, other)| row.add(j, diagonal * other));
+                    for (k, weight) in a.row(i) {
+                        right.row(k as usize).for_each(|(j, other)| row.add(j, -weight * other));
+                    }
+                }
+            });
+            gather(blocks, rows, n, work, |i, row| {
+                for (k, value) in left.row(i) {
+                    product.row(k as usize).for_each(|(j, other)| row.add(j, value * other));
+                }
+            });
+        }
     }
 
     /// The transpose of `other`, which has `columns` columns.

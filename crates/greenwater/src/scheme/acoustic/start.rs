@@ -5,7 +5,7 @@ use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::lanes::{Lanes, Record, Rows, sweep_lanes};
 use crate::math::{Vector, cube_number};
-use crate::neighbors::{NOBODY, Octet, Term};
+use crate::neighbors::{Octet, Term};
 use crate::particles::{Kind, Particles};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, Reach, Seen, record};
@@ -50,17 +50,18 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             };
             p.pressure[a] = state.pressure(p.density[a]);
         }
+        self.bulk.clear();
         self.search(p, domain)?;
         self.surface(p, domain);
         if self.plan.start == StartPressure::Released && self.medium.g() > 0.0 {
             self.release(p, domain)?;
+            self.make_room(p);
             self.surface(p, domain);
         }
         self.closed = closed_density(p, domain);
         self.shift(p, domain, 0.0);
         // A step of no length: rates, accelerations and forces of this state.
-        self.bulk.clear();
-        self.bulk.resize(p.owned(), Bulk::default());
+        self.bulk.fill(Bulk::default());
         self.set_out(p, domain, 0.0);
         self.press_walls(p, domain);
         p.force.fill(Vector::ZERO);
@@ -104,8 +105,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             records[a] = record(p.x[a], Vector::ZERO, known, p.mass[a], p.kind[a] != Kind::Fluid);
         }
         domain.refresh_records(&mut records);
-        // What the solver needs takes the place of records that are made anew after it.
-        let rows = std::mem::take(&mut self.end).len();
+        // What the solver needs takes the place of what is made anew after it.
+        (self.end, self.bulk) = (Vec::new(), Vec::new());
 
         let rise = |records: &[Record], q: &[f64], out: &mut [f64]| {
             let sums = Harmonic { pairs: self.pairs(records), rest: state.rest, place: &self.place, mass: &p.mass, h: &p.h, q };
@@ -141,7 +142,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             &mut Workspace::default(),
         );
         self.middle = records;
-        self.end.resize(rows, NOBODY);
         solved?;
         for a in (0..owned).filter(|&a| self.place[a] == Place::Inside) {
             p.density[a] = state.density((p.pressure[a] + q[a]).max(0.0));

@@ -19,7 +19,7 @@ use crate::walls::dummy::WallSuction;
 /// between the two outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are
 /// as one-sided as beside a void: that is a surface, too, and shifting must not fill it.
 ///
-/// Writes positions, normals out of the fluid (zero off the surface) and densities; and the rate of strain `√(D:D)`, 1/s, of
+/// Writes positions, normals out of the fluid (zero off the surface) and densities; and, where the pull will stand, the rate of strain `√(D:D)`, 1/s, of
 /// `∇v = Σ V_b (v_b − v_a) ⊗ ∇_a W_ab`, which a free surface makes too small by what it cuts off.
 pub(super) struct Looking<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
@@ -34,9 +34,9 @@ pub(super) struct Looking<'a, K, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, const D: usize> Rows<Record, f64> for Looking<'_, K, D> {
+impl<K: Kernel<D>, const D: usize> Rows<Record, Bulk> for Looking<'_, K, D> {
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, next: &mut Record, strain: &mut f64) {
+    fn row<L: Lanes>(&self, a: usize, next: &mut Record, bulk: &mut Bulk) {
         let own = self.pairs.records[a];
         let x = own.x();
         if self.kind[a] != Kind::Fluid {
@@ -47,7 +47,7 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, f64> for Looking<'_, K, D> {
         let found = self.pairs.near.sum(a, self.pairs.records, &around);
         let scale = self.scale * around.reach.slope_scale();
         let (concentration, filled) = (scale * totals(found.concentration), -scale * found.filled.total());
-        *strain = strain_rate(&tensor(-scale, found.change));
+        bulk.pull = strain_rate(&tensor(-scale, found.change));
         let length = concentration.norm();
         // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
         let normal = match () {
@@ -107,8 +107,8 @@ pub(super) struct Shifting<'a, K, const D: usize> {
     pub scale: f64,
     pub plan: &'a Plan,
     pub spacing: f64,
-    /// Rate of strain, 1/s.
-    pub strain: &'a [f64],
+    /// Whose pull is the rate of strain, 1/s.
+    pub bulk: &'a [Bulk],
     /// Greatest speed, m/s.
     pub fastest: f64,
     pub dt: f64,
@@ -131,7 +131,7 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
                 self.shifted(
                     &own,
                     self.h[a],
-                    self.strain[a],
+                    self.bulk[a].pull,
                     [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale],
                     found,
                 )

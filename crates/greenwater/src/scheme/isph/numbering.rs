@@ -17,7 +17,6 @@ pub(super) struct Numbering {
     pub(super) rows: Vec<u32>,
     /// Unknown of each row, or [`NONE`].
     pub(super) places: Vec<u32>,
-    keys: Vec<(u64, u32)>,
 }
 
 impl Numbering {
@@ -42,11 +41,10 @@ impl Numbering {
     pub(super) fn renew<const D: usize>(&mut self, p: &Particles<D>, reach: f64) {
         let owned = p.owned();
         let low = Vector(std::array::from_fn(|d| p.x[..owned].iter().map(|x| x[d]).fold(f64::INFINITY, f64::min)));
-        self.keys.clear();
-        self.keys.extend((0..owned).filter(|&a| p.is_fluid(a)).map(|a| (cube_number(p.x[a], low, reach), a as u32)));
-        self.keys.par_sort_unstable();
+        let mut keys: Vec<_> = (0..owned).filter(|&a| p.is_fluid(a)).map(|a| (cube_number(p.x[a], low, reach), a as u32)).collect();
+        keys.par_sort_unstable();
         self.rows.clear();
-        self.rows.extend(self.keys.iter().map(|&(_, row)| row));
+        self.rows.extend(keys.into_iter().map(|(_, row)| row));
         self.places.clear();
         self.places.resize(owned, NONE);
         for (place, &row) in self.rows.iter().enumerate() {

@@ -18,13 +18,26 @@ pub(super) struct Guarded<const D: usize> {
     pub(super) wall: u32,
 }
 
+impl<const D: usize> Guarded<D> {
+    /// Not touched by a wall.
+    pub(super) fn at(x: Vector<D>, v: Vector<D>) -> Self {
+        Self { x, v, taken: Vector::ZERO, wall: u32::MAX }
+    }
+}
+
 impl<const D: usize> Flow<D> {
     /// Whether normals of walls are needed: at the start, and while walls move.
     pub(super) fn walls_turn(&self, p: &Particles<D>) -> bool {
         self.first_line.len() != p.owned() || (0..p.owned()).any(|a| p.kind[a] == Kind::Wall && p.v[a] != Vector::ZERO)
     }
 
-    /// Normals of walls from those of the first line where there are new ones, and `g − a` of all.
+    /// `g − a` of a wall row, m/s²: what its pressure answers to.
+    #[inline(always)]
+    pub(super) fn answer(&self, p: &Particles<D>, a: usize) -> Vector<D> {
+        self.medium.gravity - p.acceleration[a]
+    }
+
+    /// Normals of walls from those of the first line where there are new ones.
     pub(super) fn look_at_walls(&mut self, p: &Particles<D>, domain: &Domain<D>, first: Option<&[Vector<D>]>) {
         let owned = p.owned();
         if self.first_line.len() != owned {
@@ -36,10 +49,6 @@ impl<const D: usize> Flow<D> {
             sweep(&mut self.normals[..owned], |a| first[first_line[a] as usize]);
         }
         domain.refresh_column(&mut self.normals);
-        self.answer.resize(p.len(), Vector::ZERO);
-        let gravity = self.medium.gravity;
-        sweep(&mut self.answer[..owned], |a| gravity - p.acceleration[a]);
-        domain.refresh_column(&mut self.answer);
     }
 
     /// Drag of wall particle `w` on fluid particle `a`, m/s² over `ν`: `2 f β (v_w − v_a)`, `β = 1 + d_w/d_a` from the distances
@@ -59,7 +68,7 @@ impl<const D: usize> Flow<D> {
         let dx = self.medium.spacing;
         let x = p.x[a] + dt * self.v[a] + self.shift[a];
         let v = self.v[a] + self.convected(a);
-        let mut moved = Guarded { x, v, taken: Vector::ZERO, wall: u32::MAX };
+        let mut moved = Guarded::at(x, v);
         if self.at[a].off_walls == Vector::ZERO {
             return moved;
         }
@@ -88,7 +97,7 @@ impl<const D: usize> Flow<D> {
             if p.is_fluid(b) {
                 weight += f;
                 spread += f * x_ab.norm_squared();
-                total += f * (self.pressure[b] + self.medium.rest_density * self.answer[a].dot(x_ab));
+                total += f * (self.pressure[b] + self.medium.rest_density * self.answer(p, a).dot(x_ab));
             }
         });
         let flat_wall = (1.0 - self.lattice.spread_row[0]) * self.lattice.spread;
@@ -98,14 +107,15 @@ impl<const D: usize> Flow<D> {
     /// Pressure of wall rows for output: the first line from the fluid, the others from the first one with the weight between.
     pub(super) fn wall_pressures(&mut self, p: &mut Particles<D>) {
         let owned = p.owned();
-        let mut walls = std::mem::take(&mut self.solution);
-        sweep(&mut walls[..owned], |a| if p.kind[a] == Kind::Wall && p.layer[a] <= 1 { self.wall_pressure(p, a) } else { 0.0 });
+        let mut walls = std::mem::take(&mut self.source);
+        walls.resize(owned, 0.0);
+        sweep(&mut walls, |a| if p.kind[a] == Kind::Wall && p.layer[a] <= 1 { self.wall_pressure(p, a) } else { 0.0 });
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Wall) {
             let first = self.first_line[a] as usize;
-            let below = self.medium.rest_density * self.answer[a].dot(p.x[a] - p.x[first]);
+            let below = self.medium.rest_density * self.answer(p, a).dot(p.x[a] - p.x[first]);
             p.pressure[a] = if walls[first] == 0.0 { 0.0 } else { walls[first] + below };
         }
-        self.solution = walls;
+        self.source = walls;
     }
 
     /// Force of the fluid on wall particle `a`, N, but for friction: pressure of each pair, `V f (p_b + p_w) x_wb`, the potential
@@ -117,7 +127,7 @@ impl<const D: usize> Flow<D> {
         let mut total = Vector::ZERO;
         self.near.for_each_with(a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
-                let pressure = scale * (2.0 * self.pressure[b] + rest * self.answer[a].dot(x_ab)) + rest * self.cleaning[b] / dt;
+                let pressure = scale * (2.0 * self.pressure[b] + rest * self.answer(p, a).dot(x_ab)) + rest * self.cleaning[b] / dt;
                 total += p.mass[b] / rest * f * pressure * x_ab;
                 let owner = domain.parent(b, p.owned());
                 let moved = &self.moved[owner];
