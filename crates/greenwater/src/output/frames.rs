@@ -5,6 +5,7 @@
 
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use base64::Engine;
@@ -23,7 +24,8 @@ const BLOCK: usize = 32_768;
 /// Least time between two writings of `frames.pvd`, which lists all frames.
 const INDEX_EVERY: Duration = Duration::from_millis(500);
 
-/// Writes frames into `frames/` of a run folder, and the list of them.
+/// Writes frames into `frames/` of a run folder, and the list of them. A frame is compressed and written by a thread of its own while the
+/// run goes on: a step waits for the disk only where frames come faster than they can be written.
 pub(super) struct Frames<const D: usize> {
     fields: Vec<Field<D>>,
     precision: Precision,
@@ -31,17 +33,26 @@ pub(super) struct Frames<const D: usize> {
     times: Vec<f64>,
     next: usize,
     written: Vec<f64>,
+    under_way: Option<(Frame, JoinHandle<io::Result<()>>)>,
     indexed: Option<Instant>,
+}
+
+/// A frame: its number, its time (s) and step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    pub index: usize,
+    pub time: f64,
+    pub step: u64,
 }
 
 impl<const D: usize> Frames<D> {
     /// Frames at `times` (s, rising) with the columns `names`.
     pub fn new(names: &[&'static str], precision: Precision, times: Vec<f64>) -> Self {
         let fields = field_table::<D>().into_iter().filter(|field| names.contains(&field.name)).collect();
-        Self { fields, precision, times, next: 0, written: Vec::new(), indexed: None }
+        Self { fields, precision, times, next: 0, written: Vec::new(), under_way: None, indexed: None }
     }
 
-    /// Number of frames written.
+    /// Number of frames on the disk.
     pub fn count(&self) -> usize {
         self.written.len()
     }
@@ -51,16 +62,32 @@ impl<const D: usize> Frames<D> {
         self.times.get(self.next).is_some_and(|&next| time >= next)
     }
 
-    /// Writes a frame.
-    pub fn write(&mut self, folder: &RunFolder, p: &Particles<D>, time: f64) -> io::Result<()> {
-        let text = self.vtp(p, time)?;
-        folder.write(&format!("frames/{}", name(self.count())), text.as_bytes())?;
-        self.written.push(time);
+    /// Takes a frame of the particles at `time`, s, and sends it on its way; answers the one before, which is on the disk now.
+    ///
+    /// # Errors
+    /// What kept the one before from the disk.
+    pub fn write(&mut self, folder: &RunFolder, p: &Particles<D>, time: f64, step: u64) -> io::Result<Option<Frame>> {
+        let before = self.settle(folder)?;
+        let frame = Frame { index: self.count(), time, step };
+        let (columns, folder) = (self.columns(p), folder.clone());
+        let write = move || folder.write(&format!("frames/{}", name(frame.index)), columns.vtp(time)?.as_bytes());
+        self.under_way = Some((frame, thread::Builder::new().name("frame".into()).spawn(write)?));
         self.next += self.times[self.next..].iter().take_while(|&&due| due <= time).count();
+        Ok(before)
+    }
+
+    /// Waits for the frame that is on its way, and answers it.
+    ///
+    /// # Errors
+    /// What kept it from the disk.
+    pub fn settle(&mut self, folder: &RunFolder) -> io::Result<Option<Frame>> {
+        let Some((frame, writing)) = self.under_way.take() else { return Ok(None) };
+        writing.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        self.written.push(frame.time);
         if self.indexed.is_none_or(|last| last.elapsed() >= INDEX_EVERY) {
             self.write_index(folder)?;
         }
-        Ok(())
+        Ok(Some(frame))
     }
 
     /// Writes `frames.pvd`.
@@ -76,54 +103,38 @@ impl<const D: usize> Frames<D> {
         folder.write("frames/frames.pvd", text.as_bytes())
     }
 
-    fn vtp(&self, p: &Particles<D>, time: f64) -> io::Result<String> {
+    /// A copy of what a frame holds.
+    fn columns(&self, p: &Particles<D>) -> Columns {
         let n = p.owned();
-        let mut text = String::with_capacity(64 * n + 4096);
-        text.push_str("<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" ");
-        text.push_str("header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<PolyData>\n<FieldData>\n");
-        let _ = writeln!(text, r#"<DataArray type="Float64" Name="TimeValue" NumberOfTuples="1" format="ascii">{time}</DataArray>"#);
-        let _ = writeln!(text, "</FieldData>\n<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{}\">\n<PointData>", usize::from(n > 0));
-        for field in &self.fields {
-            self.column(&mut text, field, p)?;
-        }
-        text.push_str("</PointData>\n<Points>\n");
-        let mut bytes = Vec::with_capacity(24 * n);
+        let mut points = Vec::with_capacity(24 * n);
         for a in 0..n {
-            self.push_vector(&mut bytes, p.x[a]);
+            self.push_vector(&mut points, p.x[a]);
         }
-        array(&mut text, "Points", self.float(), 3, &bytes)?;
-        // One cell that holds every point, so that viewers show them.
-        text.push_str("</Points>\n<Verts>\n");
-        let connectivity: Vec<u8> = (0..n as u64).flat_map(u64::to_le_bytes).collect();
-        array(&mut text, "connectivity", "Int64", 1, &connectivity)?;
-        let offsets = if n > 0 { (n as u64).to_le_bytes().to_vec() } else { Vec::new() };
-        array(&mut text, "offsets", "Int64", 1, &offsets)?;
-        text.push_str("</Verts>\n</Piece>\n</PolyData>\n</VTKFile>\n");
-        Ok(text)
+        let points = Column { name: "Points", kind: self.float(), components: 3, bytes: points };
+        Columns { n, points, fields: self.fields.iter().map(|field| self.column(field, p)).collect() }
     }
 
-    fn column(&self, text: &mut String, field: &Field<D>, p: &Particles<D>) -> io::Result<()> {
+    fn column(&self, field: &Field<D>, p: &Particles<D>) -> Column {
         let n = p.owned();
-        let mut bytes = Vec::with_capacity(8 * n);
-        let (mut kind, mut components) = (self.float(), 1);
+        let mut column = Column { name: field.name, kind: self.float(), components: 1, bytes: Vec::with_capacity(8 * n) };
         for a in 0..n {
             match (field.value)(p, a) {
-                FieldValue::Scalar(value) => self.push(&mut bytes, value),
+                FieldValue::Scalar(value) => self.push(&mut column.bytes, value),
                 FieldValue::Vector(value) => {
-                    components = 3;
-                    self.push_vector(&mut bytes, value);
+                    column.components = 3;
+                    self.push_vector(&mut column.bytes, value);
                 }
                 FieldValue::Integer(value) => {
-                    kind = "UInt32";
-                    bytes.extend(value.to_le_bytes());
+                    column.kind = "UInt32";
+                    column.bytes.extend(value.to_le_bytes());
                 }
                 FieldValue::Flag(value) => {
-                    kind = "UInt8";
-                    bytes.push(value);
+                    column.kind = "UInt8";
+                    column.bytes.push(value);
                 }
             }
         }
-        array(text, field.name, kind, components, &bytes)
+        column
     }
 
     fn float(&self) -> &'static str {
@@ -148,13 +159,54 @@ impl<const D: usize> Frames<D> {
     }
 }
 
+/// Particles as a file holds them.
+struct Columns {
+    /// Particles.
+    n: usize,
+    points: Column,
+    fields: Vec<Column>,
+}
+
+/// A data array.
+struct Column {
+    name: &'static str,
+    /// VTK's name of the type.
+    kind: &'static str,
+    components: usize,
+    /// Little-endian.
+    bytes: Vec<u8>,
+}
+
+impl Columns {
+    fn vtp(&self, time: f64) -> io::Result<String> {
+        let n = self.n;
+        let mut text = String::with_capacity(64 * n + 4096);
+        text.push_str("<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" ");
+        text.push_str("header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<PolyData>\n<FieldData>\n");
+        let _ = writeln!(text, r#"<DataArray type="Float64" Name="TimeValue" NumberOfTuples="1" format="ascii">{time}</DataArray>"#);
+        let _ = writeln!(text, "</FieldData>\n<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{}\">\n<PointData>", usize::from(n > 0));
+        for field in &self.fields {
+            array(&mut text, field)?;
+        }
+        text.push_str("</PointData>\n<Points>\n");
+        array(&mut text, &self.points)?;
+        // One cell that holds every point, so that viewers show them.
+        text.push_str("</Points>\n<Verts>\n");
+        let integers = |name, bytes| Column { name, kind: "Int64", components: 1, bytes };
+        array(&mut text, &integers("connectivity", (0..n as u64).flat_map(u64::to_le_bytes).collect()))?;
+        array(&mut text, &integers("offsets", if n > 0 { (n as u64).to_le_bytes().to_vec() } else { Vec::new() }))?;
+        text.push_str("</Verts>\n</Piece>\n</PolyData>\n</VTKFile>\n");
+        Ok(text)
+    }
+}
+
 /// File name of frame `i`.
 fn name(i: usize) -> String {
     format!("frame-{i:06}.vtp")
 }
 
 /// Appends an array with its bytes compressed in blocks.
-fn array(text: &mut String, name: &str, kind: &str, components: usize, bytes: &[u8]) -> io::Result<()> {
+fn array(text: &mut String, Column { name, kind, components, bytes }: &Column) -> io::Result<()> {
     let _ = writeln!(text, r#"<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="binary">"#);
     let mut header = vec![bytes.len().div_ceil(BLOCK) as u64, BLOCK as u64, (bytes.len() % BLOCK) as u64];
     let mut data = Vec::new();

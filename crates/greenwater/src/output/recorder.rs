@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::folder::{Existing, OutputError, RunFolder};
-use super::frames::Frames;
+use super::frames::{Frame, Frames};
 use super::instruments::Instruments;
 use super::provenance::provenance;
 use super::tables::{Cell, Table};
@@ -292,6 +292,8 @@ impl<'a, const D: usize> Recorder<'a, D> {
     }
 
     fn conclude(&mut self, name: &str, bytes: &[u8], state: &str, mut event: Value) -> io::Result<()> {
+        let last = self.frames.settle(&self.folder)?;
+        self.tell_of(last)?;
         if self.frames.count() > 0 {
             self.frames.write_index(&self.folder)?;
         }
@@ -334,15 +336,20 @@ impl<'a, const D: usize> Recorder<'a, D> {
         Ok(())
     }
 
+    /// Tells of a frame once it is on the disk.
+    fn tell_of(&mut self, frame: Option<Frame>) -> io::Result<()> {
+        let Some(Frame { index, time, step }) = frame else { return Ok(()) };
+        let event = json!({"event": "frame", "frame": index, "time": time, "step": step});
+        self.events.row(&[Cell::Text(&event.to_string())])
+    }
+
     fn frame(&mut self, view: &View<D>) -> io::Result<()> {
-        let index = self.frames.count();
-        self.frames.write(&self.folder, view.particles, view.time)?;
+        let before = self.frames.write(&self.folder, view.particles, view.time, view.step)?;
+        self.tell_of(before)?;
         let q = self.meter.measure(view.particles, &self.medium);
         let lost = q.lost_particles;
         self.quality.numbers([view.time, q.pressure_noise, q.density_p01, q.density_p99, q.density_mean, q.volume_error, lost as f64])?;
         self.qualities.push((view.time, q));
-        let event = json!({"event": "frame", "frame": index, "time": view.time, "step": view.step});
-        self.events.row(&[Cell::Text(&event.to_string())])?;
         if lost > self.last.lost {
             self.say(&format!("{lost} particles have left the domain by t = {} s", view.time))?;
         }
@@ -462,6 +469,8 @@ impl<const D: usize> Observer<D> for Recorder<'_, D> {
         if self.last.framed != Some(view.step) {
             self.frame(view)?;
         }
+        let last = self.frames.settle(&self.folder)?;
+        self.tell_of(last)?;
         let p = view.particles;
         self.last.fluid = p.count(crate::particles::Kind::Fluid);
         self.last.wall = p.count(crate::particles::Kind::Wall);
