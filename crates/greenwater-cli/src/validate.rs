@@ -132,7 +132,9 @@ fn list(cases: &[&'static Shipped]) -> Result<(), CliError> {
 /// One method on one run of a case.
 struct Made<'a> {
     run: &'a str,
-    method: String,
+    method: MethodName,
+    /// The method and its preset, as tables name it.
+    label: String,
     reading: Result<Reading, String>,
 }
 
@@ -145,7 +147,7 @@ fn run_case(shipped: &'static Shipped, methods: &[(MethodName, Option<Preset>)],
         let set: Vec<(String, String)> = run.set.iter().map(|(key, value)| (key.clone(), value.to_string())).collect();
         let mut case = Case::parse(&format!("validation/{}/case.toml", shipped.name), shipped.case.to_owned(), None, &set)?;
         shipped.name.clone_into(&mut case.name);
-        for &(method, preset) in methods {
+        for &(method, preset) in methods.iter().filter(|(method, _)| run.methods.is_empty() || run.methods.contains(method)) {
             let label = match preset {
                 Some(preset) => format!("{}-{}", method.name(), preset.name()),
                 None => method.name().to_owned(),
@@ -155,7 +157,7 @@ fn run_case(shipped: &'static Shipped, methods: &[(MethodName, Option<Preset>)],
             if !(args.reuse && finished) {
                 make(&case.for_method(method, preset), &format!("{} {} {label}", shipped.name, run.name), &folder, args)?;
             }
-            made.push(Made { run: &run.name, method: label, reading: Reading::of(&folder, &bands) });
+            made.push(Made { run: &run.name, method, label, reading: Reading::of(&folder, &bands) });
         }
     }
     let results = measure_all(shipped, &bands, &made);
@@ -192,13 +194,14 @@ fn measure_all(shipped: &'static Shipped, bands: &Bands, made: &[Made]) -> Resul
     let mut results = Results::default();
     for quantity in &bands.quantity {
         let several = quantity.runs.len() != 1 && bands.run.len() > 1;
-        for made in made.iter().filter(|made| belongs(quantity, bands, made.run)) {
+        let owes = |method: MethodName| quantity.methods.is_empty() || quantity.methods.contains(&method);
+        for made in made.iter().filter(|made| owes(made.method) && belongs(quantity, bands, made.run)) {
             let name = if several && !across(quantity) { format!("{} ({})", quantity.name, made.run) } else { quantity.name.clone() };
             let outcome = one(shipped, quantity, made, &known);
             if let Outcome { value: Some(value), .. } = outcome {
-                known.insert((quantity.name.clone(), made.run.to_owned(), made.method.clone()), value);
+                known.insert((quantity.name.clone(), made.run.to_owned(), made.label.clone()), value);
             }
-            results.add(shipped.name, &made.method, made.run, &name, quantity, outcome);
+            results.add(shipped.name, &made.label, made.run, &name, quantity, outcome);
         }
     }
     // Agreement of methods needs the values of all of them.
@@ -228,7 +231,7 @@ fn one(shipped: &Shipped, quantity: &Quantity, made: &Made, known: &BTreeMap<(St
         Err(problem) => return nothing(problem.clone()),
     };
     let other = |name: &str, run: &str| {
-        let key = (name.to_owned(), run.to_owned(), made.method.clone());
+        let key = (name.to_owned(), run.to_owned(), made.label.clone());
         known.get(&key).copied().ok_or_else(|| format!("`{name}` was not measured in run `{run}`"))
     };
     let measured = match (&quantity.measure, reading.failure()) {

@@ -792,7 +792,7 @@ pub(crate) fn sweep_lanes2<T: Send, U: Send, R: Rows<T, U>>(set: InstructionSet,
     }
 
     debug_assert_eq!(first.len(), second.len());
-    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (first, second))| {
+    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (first, second))| {
         dispatch(set, Block { start: block * BLOCK, first, second, rows });
     });
 }

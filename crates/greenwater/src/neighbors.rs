@@ -177,7 +177,7 @@ impl<const D: usize> Neighbors<D> {
         let (set, nobody) = (InstructionSet::of_this_machine(), self.nobody);
         let sorted = (search == Search::Grid).then(|| Sorted { grid: &grid, columns: Record::flat(room), length: p.len() + LANES });
         // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
-        self.segments.par_iter_mut().enumerate().for_each_init(Vec::new, |list, (block, segment)| {
+        self.segments.par_iter_mut().enumerate().with_max_len(4).for_each_init(Vec::new, |list, (block, segment)| {
             dispatch(set, Listing { p, sorted, support, nobody, first: block * BLOCK, list, segment });
         });
         self.grid = grid;
@@ -305,7 +305,7 @@ impl<const D: usize> Neighbors<D> {
         }
 
         column.segments.resize_with(self.segments.len(), Vec::new);
-        column.segments.par_iter_mut().zip(out.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (values, out))| {
+        column.segments.par_iter_mut().zip(out.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (values, out))| {
             values.clear();
             dispatch(set, Block { start: block * BLOCK, values: &mut *values, out, rows });
             trim(values);

@@ -1,5 +1,5 @@
 //! Loops over all particles, in parallel, with the same bits for any number of threads: each row is written by one closure
-//! call that only reads shared data, and rows are dealt out in fixed blocks.
+//! call that only reads shared data, and rows are dealt out in fixed blocks, one at a time: rows differ in work, walls from fluid above all.
 
 use rayon::prelude::*;
 
@@ -8,7 +8,7 @@ pub(crate) const BLOCK: usize = 256;
 
 /// `out[a] = value(a)` for every row.
 pub(crate) fn sweep<T: Send>(out: &mut [T], value: impl Fn(usize) -> T + Sync) {
-    out.par_chunks_mut(BLOCK).enumerate().for_each(|(block, rows)| {
+    out.par_chunks_mut(BLOCK).enumerate().with_max_len(1).for_each(|(block, rows)| {
         for (i, row) in rows.iter_mut().enumerate() {
             *row = value(block * BLOCK + i);
         }
@@ -17,7 +17,7 @@ pub(crate) fn sweep<T: Send>(out: &mut [T], value: impl Fn(usize) -> T + Sync) {
 
 /// `out[a] = value(workspace, a)` for every row; a thread makes a workspace for each share of the rows it takes.
 pub(crate) fn sweep_with<T: Send, W>(out: &mut [T], workspace: impl Fn() -> W + Sync + Send, value: impl Fn(&mut W, usize) -> T + Sync) {
-    out.par_chunks_mut(BLOCK).enumerate().for_each_init(workspace, |workspace, (block, rows)| {
+    out.par_chunks_mut(BLOCK).enumerate().with_max_len(4).for_each_init(workspace, |workspace, (block, rows)| {
         for (i, row) in rows.iter_mut().enumerate() {
             *row = value(workspace, block * BLOCK + i);
         }
@@ -36,7 +36,7 @@ pub(crate) fn update<T: Send>(column: &mut [T], change: impl Fn(usize, &mut T) +
 /// `change(a, &mut first[a], &mut second[a])` for every row.
 pub(crate) fn update2<T: Send, U: Send>(first: &mut [T], second: &mut [U], change: impl Fn(usize, &mut T, &mut U) + Sync) {
     debug_assert_eq!(first.len(), second.len());
-    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (ones, twos))| {
+    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (ones, twos))| {
         for (i, (one, two)) in ones.iter_mut().zip(twos).enumerate() {
             change(block * BLOCK + i, one, two);
         }
@@ -46,7 +46,7 @@ pub(crate) fn update2<T: Send, U: Send>(first: &mut [T], second: &mut [U], chang
 /// `(first[a], second[a]) = values(a)` for every row.
 pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values: impl Fn(usize) -> (T, U) + Sync) {
     debug_assert_eq!(first.len(), second.len());
-    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().for_each(|(block, (ones, twos))| {
+    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (ones, twos))| {
         for (i, (one, two)) in ones.iter_mut().zip(twos).enumerate() {
             (*one, *two) = values(block * BLOCK + i);
         }

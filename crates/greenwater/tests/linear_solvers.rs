@@ -1,10 +1,10 @@
 //! Linear solvers against dense elimination, analytic solutions and each other.
 
 use PreconditionerKind::{Ic0, Ilu0, Jacobi, None as Plain};
-use SolverMethod::{Bicgstab, Cg, Gauss, Gmres};
+use SolverMethod::{Bicgstab, Cg, DefectCorrection, Gauss, Gmres};
 use greenwater::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
 
-const SYMMETRIC: [(SolverMethod, PreconditionerKind); 13] = [
+const SYMMETRIC: [(SolverMethod, PreconditionerKind); 15] = [
     (Gauss, Plain),
     (Cg, Plain),
     (Cg, Jacobi),
@@ -18,6 +18,8 @@ const SYMMETRIC: [(SolverMethod, PreconditionerKind); 13] = [
     (Bicgstab, Jacobi),
     (Bicgstab, Ilu0),
     (Bicgstab, Ic0),
+    (DefectCorrection, Jacobi),
+    (DefectCorrection, Ic0),
 ];
 
 fn solver(method: SolverMethod, preconditioner: PreconditionerKind, tolerance: f64) -> LinearSolver {

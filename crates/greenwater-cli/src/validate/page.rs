@@ -56,7 +56,7 @@ pub fn page(results: &Results) -> String {
             let same: Vec<&&Row> = rows.iter().filter(|row| row.quantity == *quantity).collect();
             let cell = |method: &str| {
                 let row = same.iter().find(|row| row.method == method || row.method == "all");
-                row.map_or(String::new(), |row| if row.pass { row.said() } else { format!("**{}** (miss)", row.said()) })
+                row.map_or("–".to_owned(), |row| if row.pass { row.said() } else { format!("**{}** (miss)", row.said()) })
             };
             // A run that failed has no reference of its own; another method's row has the same.
             let first = same.iter().find(|row| row.low.is_some() || row.high.is_some() || row.reference.is_some()).unwrap_or(&same[0]);

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use greenwater::scheme::MethodName;
 use serde::Deserialize;
 
 use super::error::ValidateError;
@@ -53,6 +54,7 @@ pub static CASES: &[Shipped] = shipped! {
     "dam-break-front": ["martin-moyce-n1.csv", "martin-moyce-n2.csv"],
     "dam-break-noise": [],
     "dam-break-long": [],
+    "dam-break-3d": [],
     "cylinder": [],
     "dam-break-impact": ["p1.csv", "p2.csv", "p3.csv", "p4.csv", "buchner.csv", "zhou-h1.csv", "zhou-h2.csv"],
 };
@@ -81,7 +83,10 @@ pub struct RunPlan {
     /// Whether it is short enough for `--quick`.
     #[serde(default)]
     pub quick: bool,
-    /// Keys of the case that it sets.
+    /// The methods that make it; left out: all.
+    #[serde(default)]
+    pub methods: Vec<MethodName>,
+    /// Keys of the case that it sets; those of `method` count for the method that `method.name` says.
     #[serde(default)]
     pub set: BTreeMap<String, toml::Value>,
 }
@@ -107,6 +112,9 @@ pub struct Quantity {
     /// The runs in which it is measured; left out: all.
     #[serde(default)]
     pub runs: Vec<String>,
+    /// The methods it is measured of, where families of methods owe different things; left out: all.
+    #[serde(default)]
+    pub methods: Vec<MethodName>,
     /// What it should be; left out where the measure gives its own reference.
     pub reference: Option<Number>,
     /// Lower end of the band.

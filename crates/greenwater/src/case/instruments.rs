@@ -198,10 +198,14 @@ pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, 
         };
         let name = gauge.name.clone();
         gauges.push(match gauge.quantity {
-            GaugeQuantity::Elevation => {
-                unused(&gauge.from, "from", "elevation")?;
-                unused(&gauge.to, "to", "elevation")?;
-                Gauge { name, kind: GaugeKind::Elevation(needed(&gauge.position, "position", "elevation")?) }
+            GaugeQuantity::Elevation | GaugeQuantity::Depth => {
+                let (kind, of): (_, fn(Vector<D>) -> GaugeKind<D>) = match gauge.quantity {
+                    GaugeQuantity::Depth => ("depth", GaugeKind::Depth),
+                    _ => ("elevation", GaugeKind::Elevation),
+                };
+                unused(&gauge.from, "from", kind)?;
+                unused(&gauge.to, "to", kind)?;
+                Gauge { name, kind: of(needed(&gauge.position, "position", kind)?) }
             }
             GaugeQuantity::Flow => {
                 unused(&gauge.position, "position", "flow")?;

@@ -253,10 +253,10 @@ pub struct Gauge {
     /// Its name in tables and reports.
     #[schemars(extend("rule" = "letters, digits, `.`, `_`, `-`; unique"))]
     pub name: String,
-    /// What it records: the highest water on the line through `position` along gravity, or the flow through the line (in 3D the
+    /// What it records: how high or how deep the water is on the line through `position` along gravity, or the flow through the line (in 3D the
     /// rectangle) from `from` to `to`.
     pub quantity: GaugeQuantity,
-    /// A point of the line of an elevation gauge.
+    /// A point of the line of a gauge of elevation or depth.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("unit" = "m", "rule" = "inside the domain"))]
     pub position: Option<Vec<f64>>,
@@ -275,8 +275,10 @@ pub struct Gauge {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum GaugeQuantity {
-    /// Height of the water surface above the lowest fluid at the start, m; 0 where dry.
+    /// Height of the highest water above the lowest fluid at the start, m; 0 where dry. Spray counts.
     Elevation,
+    /// Length of the line that is under water, m, as a wire probe tells it: drops count with their own size only.
+    Depth,
     /// Volume that passes in a second, m³/s (m²/s in 2D).
     Flow,
 }

@@ -13,10 +13,10 @@ pub fn reach<const D: usize>(medium: &Medium<D>) -> f64 {
     Kernel::<D>::radius(WendlandC2) * SMOOTHING * medium.spacing
 }
 
-/// Volume that particle `a` stands for, seen from `away` (m): its share of the space there, `V W`; walls count with the volume of
-/// a cell, their density being what a method makes of it.
+/// Volume that particle `a` stands for, seen from `away` (m): its share of the space there, `V W`. Fluid counts with `m/ρ0`: a density
+/// summed over neighbours is too low at a surface, and water would stand too high. Walls count with the volume of a cell.
 fn share<const D: usize>(p: &Particles<D>, medium: &Medium<D>, a: usize, away: Vector<D>) -> f64 {
-    let volume = if p.is_fluid(a) { p.volume(a) } else { medium.spacing_volume() };
+    let volume = if p.is_fluid(a) { p.mass[a] / medium.rest_density } else { medium.spacing_volume() };
     volume * Kernel::<D>::w(WendlandC2, away.norm(), SMOOTHING * medium.spacing)
 }
 
@@ -152,6 +152,9 @@ pub struct Gauge<const D: usize> {
 pub enum GaugeKind<const D: usize> {
     /// Height of the highest water on the line through this point (m) along gravity, above the lowest fluid at the start, m.
     Elevation(Vector<D>),
+    /// Length of the line through this point (m) along gravity that is under water, m: what a wire probe tells. Drops in the air
+    /// above count with their own size only.
+    Depth(Vector<D>),
     /// Flow through a line or rectangle, m³/s (m²/s in 2D).
     Flow {
         /// Where the velocity is evaluated, m: the middles of pieces of at most half a spacing.
@@ -190,7 +193,8 @@ impl<const D: usize> Gauge<D> {
     /// What it tells now, in the unit of its kind.
     pub fn value(&self, p: &Particles<D>, medium: &Medium<D>) -> f64 {
         match &self.kind {
-            GaugeKind::Elevation(point) => elevation(p, medium, *point),
+            GaugeKind::Elevation(point) => Column::of(p, medium, *point).elevation(),
+            GaugeKind::Depth(point) => Column::of(p, medium, *point).depth(),
             GaugeKind::Flow { points, normal, piece } => flow(p, medium, points, *normal) * piece,
         }
     }
@@ -199,55 +203,79 @@ impl<const D: usize> Gauge<D> {
 /// Unit of what a gauge tells.
 pub fn gauge_unit<const D: usize>(kind: &GaugeKind<D>) -> &'static str {
     match kind {
-        GaugeKind::Elevation(_) => "m",
+        GaugeKind::Elevation(_) | GaugeKind::Depth(_) => "m",
         GaugeKind::Flow { .. } if D == 2 => "m2/s",
         GaugeKind::Flow { .. } => "m3/s",
     }
 }
 
-/// Highest point of the line through `point` where fluid fills half of the space that walls leave, m above the floor; 0 if there is
-/// none. A lone particle fills a third and does not count.
-fn elevation<const D: usize>(p: &Particles<D>, medium: &Medium<D>, point: Vector<D>) -> f64 {
-    let up = if medium.g() > 0.0 { -medium.gravity / medium.g() } else { Vector::unit(D - 1) };
-    let height = |x: Vector<D>| x.dot(up) - medium.floor;
-    let reach = reach(medium);
-    let near: Vec<usize> = (0..p.owned())
-        .filter(|&a| {
-            let away = p.x[a] - point;
-            p.kind[a] != Kind::Lost && (away - away.dot(up) * up).norm_squared() < reach * reach
-        })
-        .collect();
-    let top = near.iter().filter(|&&a| p.is_fluid(a)).map(|&a| height(p.x[a])).fold(f64::NEG_INFINITY, f64::max);
-    if top == f64::NEG_INFINITY {
-        return 0.0;
-    }
-    let base = point - height(point) * up;
-    let filled = |at: f64| filled(p, medium, &near, base + at * up, reach) - 0.5;
-    // Down from where no fluid reaches, in quarters of a spacing; the surface lies between two of them.
-    let step = 0.25 * medium.spacing;
-    let (mut above, mut emptiness) = (top + reach, -0.5);
-    while above > 0.0 {
-        let below = above - step;
-        let fill = filled(below);
-        if fill >= 0.0 {
-            return (below + step * fill / (fill - emptiness)).max(0.0);
-        }
-        (above, emptiness) = (below, fill);
-    }
-    0.0
+/// The particles around a line along gravity.
+struct Column<'a, const D: usize> {
+    p: &'a Particles<D>,
+    medium: &'a Medium<D>,
+    /// Those within reach of the line.
+    near: Vec<usize>,
+    /// The point of the line at the height zero: the floor, m.
+    foot: Vector<D>,
+    up: Vector<D>,
+    /// Height of the highest fluid particle, m; minus infinity without one.
+    top: f64,
 }
 
-/// Share of the space around `x` that fluid fills, of what walls leave; 0 inside walls.
-fn filled<const D: usize>(p: &Particles<D>, medium: &Medium<D>, near: &[usize], x: Vector<D>, reach: f64) -> f64 {
-    let (mut fluid, mut wall) = (0.0, 0.0);
-    for &a in near {
-        let away = p.x[a] - x;
-        if away.norm_squared() < reach * reach {
-            *if p.is_fluid(a) { &mut fluid } else { &mut wall } += share(p, medium, a, away);
-        }
+impl<'a, const D: usize> Column<'a, D> {
+    /// Around the line through `point`, m.
+    fn of(p: &'a Particles<D>, medium: &'a Medium<D>, point: Vector<D>) -> Self {
+        let up = if medium.g() > 0.0 { -medium.gravity / medium.g() } else { Vector::unit(D - 1) };
+        let height = |x: Vector<D>| x.dot(up) - medium.floor;
+        let reach = reach(medium);
+        let across = |away: Vector<D>| away - away.dot(up) * up;
+        let near: Vec<usize> =
+            (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost && across(p.x[a] - point).norm_squared() < reach * reach).collect();
+        let top = near.iter().filter(|&&a| p.is_fluid(a)).map(|&a| height(p.x[a])).fold(f64::NEG_INFINITY, f64::max);
+        Self { p, medium, near, foot: point - height(point) * up, up, top }
     }
-    // In a corner walls fill three quarters of the space (seven eighths in 3D); more is inside a wall.
-    if wall > 0.9 { 0.0 } else { fluid / (1.0 - wall) }
+
+    /// Highest point where fluid fills half of the space that walls leave, m above the floor; 0 if there is none. A lone particle fills
+    /// a third and does not count.
+    fn elevation(&self) -> f64 {
+        // Down from where no fluid reaches, in quarters of a spacing; the surface lies between two of them.
+        let step = 0.25 * self.medium.spacing;
+        let (mut above, mut emptiness) = (self.top + reach(self.medium), -0.5);
+        while above > 0.0 {
+            let below = above - step;
+            let fill = self.filled(below) - 0.5;
+            if fill >= 0.0 {
+                return (below + step * fill / (fill - emptiness)).max(0.0);
+            }
+            (above, emptiness) = (below, fill);
+        }
+        0.0
+    }
+
+    /// The share of the space that fluid fills, at most all of it, along the line from the floor upwards, m.
+    fn depth(&self) -> f64 {
+        let top = self.top + reach(self.medium);
+        if top <= 0.0 {
+            return 0.0;
+        }
+        let pieces = (top / (0.25 * self.medium.spacing)).ceil();
+        let piece = top / pieces;
+        (0..pieces as usize).map(|i| piece * self.filled((i as f64 + 0.5) * piece).min(1.0)).sum()
+    }
+
+    /// Share of the space at the height `at` (m) that fluid fills, of what walls leave; 0 inside walls.
+    fn filled(&self, at: f64) -> f64 {
+        let (x, reach) = (self.foot + at * self.up, reach(self.medium));
+        let (mut fluid, mut wall) = (0.0, 0.0);
+        for &a in &self.near {
+            let away = self.p.x[a] - x;
+            if away.norm_squared() < reach * reach {
+                *if self.p.is_fluid(a) { &mut fluid } else { &mut wall } += share(self.p, self.medium, a, away);
+            }
+        }
+        // In a corner walls fill three quarters of the space (seven eighths in 3D); more is inside a wall.
+        if wall > 0.9 { 0.0 } else { fluid / (1.0 - wall) }
+    }
 }
 
 /// `Σ_points Σ_j V_j (v_j·n) W / (1 − Σ_wall V W)`, m/s: the velocity, zero where there is no fluid, summed over the points.
@@ -483,6 +511,25 @@ mod tests {
         let mut dry = p.clone();
         dry.kind.iter_mut().filter(|kind| **kind == Kind::Fluid).for_each(|kind| *kind = Kind::Lost);
         assert_eq!(Gauge { name: "h".into(), kind: GaugeKind::Elevation(Vector([0.5, 0.2])) }.value(&dry, &medium()), 0.0);
+    }
+
+    /// A drop of four particles high above the water is the highest water, and wets its own two spacings of a wire. 0.2 spacings: the
+    /// disorder of the particles.
+    #[test]
+    fn spray_counts_in_an_elevation_and_hardly_in_a_depth() {
+        let mut p = tank::<2>();
+        let gauge = |kind: fn(Vector<2>) -> GaugeKind<2>| Gauge { name: "h".into(), kind: kind(Vector([0.5, 0.2])) };
+        let before = gauge(GaugeKind::Depth).value(&p, &medium());
+        assert!((before - 1.0).abs() < 0.2 * DX, "{before}");
+        for (i, (across, up)) in [(-0.5, 0.0), (0.5, 0.0), (-0.5, 1.0), (0.5, 1.0)].into_iter().enumerate() {
+            let x = Vector([0.5 + across * DX, 1.6 + up * DX]);
+            let (mass, v) = (1000.0 * DX * DX, Vector::ZERO);
+            let drop = Particle { kind: Kind::Fluid, layer: 0, x, v, mass, density: 400.0, pressure: 0.0, h: 1.3 * DX };
+            p.push(10_000 + i as u32, drop);
+        }
+        assert!(gauge(GaugeKind::Elevation).value(&p, &medium()) > 1.6);
+        let wetted = gauge(GaugeKind::Depth).value(&p, &medium()) - before;
+        assert!(wetted > DX && wetted < 2.0 * DX, "{wetted}");
     }
 
     /// The block moves at 2 m/s: 2 m2/s pass a line across it, whichever way it leans. 2 %: sums over disordered particles.

@@ -1,4 +1,4 @@
-//! Krylov methods, one restart at a time.
+//! Krylov methods and defect correction, one restart at a time.
 //!
 //! Each function starts from the true residual in `r`, improves `x`, and returns the number of iterations it made: at least
 //! one, at most [`System::budget`]. It ends when its recurrence meets the target or cannot go on; the caller then computes
@@ -147,6 +147,27 @@ pub(super) fn bicgstab(system: &mut System, x: &mut [f64], v: &mut Vectors) -> R
         // p = r + β (p − ω q)
         add_scaled(p, -omega, q);
         scale_add(p, (rho / rho_old) * (alpha / omega), r);
+    }
+    Ok(system.budget)
+}
+
+/// Defect correction by the preconditioner: `x += ω z`, `z = M⁻¹ r`, with the `ω` that leaves the least residual,
+/// `ω = (A z·r)/(A z·A z)`, so that no step makes it larger.
+pub(super) fn defect_correction(system: &mut System, x: &mut [f64], v: &mut Vectors) -> Result<usize, Stuck> {
+    let Vectors { r, q, z, .. } = v;
+    for iteration in 1..=system.budget {
+        system.m.apply(r, z);
+        system.a.multiply(z, q);
+        let omega = dot(q, r) / dot(q, q);
+        if !(omega.is_finite() && omega != 0.0) {
+            let cure = "choose method `gmres`";
+            return done_or_stuck(iteration - 1, Stuck { reason: "no correction makes the defect smaller", cure });
+        }
+        add_scaled(x, omega, z);
+        add_scaled(r, -omega, q);
+        if norm(r) <= system.target {
+            return Ok(iteration);
+        }
     }
     Ok(system.budget)
 }

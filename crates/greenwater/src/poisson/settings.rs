@@ -21,6 +21,9 @@ pub enum SolverMethod {
     /// BiCGStab, preconditioned from the right: any matrix, short recurrences, two products an iteration. Source: van der
     /// Vorst, SIAM J. Sci. Stat. Comput. 13 (1992) 631.
     Bicgstab,
+    /// Defect correction, `p += ω M⁻¹ (b − A p)`: any matrix whose preconditioner `M` comes close, such as multigrid for the symmetric
+    /// part of a pressure equation; `ω` leaves the least residual. Source: Stetter, Numer. Math. 29 (1978) 425.
+    DefectCorrection,
 }
 
 /// Preconditioner of a Krylov method; Gauss needs none and ignores it.
@@ -73,6 +76,7 @@ impl SolverSettings {
             SolverMethod::Gmres => "GMRES",
             SolverMethod::Cg => "conjugate gradients",
             SolverMethod::Bicgstab => "BiCGStab",
+            SolverMethod::DefectCorrection => "defect correction",
         };
         match self.preconditioner {
             PreconditionerKind::None => method.to_owned(),

@@ -313,6 +313,7 @@ impl LinearSolver {
             SolverMethod::Gmres => krylov::gmres(&mut system, self.settings.restart, x, v),
             SolverMethod::Cg => krylov::cg(&mut system, x, v),
             SolverMethod::Bicgstab => krylov::bicgstab(&mut system, x, v),
+            SolverMethod::DefectCorrection => krylov::defect_correction(&mut system, x, v),
         }
     }
 }
@@ -323,6 +324,7 @@ fn name(method: SolverMethod) -> &'static str {
         SolverMethod::Gmres => "gmres",
         SolverMethod::Cg => "cg",
         SolverMethod::Bicgstab => "bicgstab",
+        SolverMethod::DefectCorrection => "defect-correction",
     }
 }
 

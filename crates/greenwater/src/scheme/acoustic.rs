@@ -640,9 +640,10 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.gradient = gradient;
     }
 
-    /// The longest sound step, s.
+    /// The longest sound step, s: `C h/((c0 + U) max(1, α2))`; a damper stronger than one is stiffer than sound.
     fn sound_step(&self, p: &Particles<D>) -> f64 {
-        self.plan.acoustic_courant * p.h_min() / (self.plan.state.sound + fastest(p))
+        let stiffness = self.plan.damping.max(1.0);
+        self.plan.acoustic_courant * p.h_min() / ((self.plan.state.sound + fastest(p)) * stiffness)
     }
 }
 

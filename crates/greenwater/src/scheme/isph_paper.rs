@@ -203,7 +203,7 @@ impl Settings for IsphPaperSettings {
         match self.solver.method {
             SolverMethod::Gauss => matrix + 8.0 * count * count,
             SolverMethod::Gmres => matrix + 8.0 * count * (self.solver.restart as f64 + 1.0),
-            SolverMethod::Cg | SolverMethod::Bicgstab => matrix,
+            SolverMethod::Cg | SolverMethod::Bicgstab | SolverMethod::DefectCorrection => matrix,
         }
     }
 

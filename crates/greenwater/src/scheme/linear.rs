@@ -78,7 +78,7 @@ impl RkpmSettings {
             wall_suction: parent.wall_suction,
             start_pressure: None,
             stepping: parent.stepping,
-            acoustic_courant: parent.acoustic_courant,
+            acoustic_courant: 0.6,
             search: parent.search,
         }
     }
@@ -205,7 +205,7 @@ impl MlsphSettings {
             wall_suction: parent.wall_suction,
             start_pressure: None,
             stepping: parent.stepping,
-            acoustic_courant: parent.acoustic_courant,
+            acoustic_courant: 0.6,
             search: parent.search,
         }
     }

@@ -76,7 +76,7 @@ impl RiemannSettings {
             wall_suction: parent.wall_suction,
             start_pressure: None,
             stepping: parent.stepping,
-            acoustic_courant: parent.acoustic_courant,
+            acoustic_courant: 0.6,
             search: parent.search,
         }
     }
