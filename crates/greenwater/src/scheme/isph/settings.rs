@@ -127,9 +127,9 @@ impl Settings for IsphSettings {
         format!("{courant} h over the greatest speed, at least sqrt(g H); from step to step a fifth more or half at most")
     }
 
-    /// 24 bytes for a pair: matrix entry and pair value; some 800 for the work space of a particle.
+    /// 24 bytes for a pair: matrix entry and pair value; some 500 for the work space of a particle and its share of multigrid.
     fn memory(&self, count: f64, neighbours: f64) -> f64 {
-        count * (24.0 * neighbours + 800.0)
+        count * (24.0 * neighbours + 500.0)
     }
 
     fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
