@@ -4,7 +4,7 @@ use PreconditionerKind::{Ic0, Ilu0, Jacobi, None as Plain};
 use SolverMethod::{Bicgstab, Cg, DefectCorrection, Gauss, Gmres};
 use greenwater::poisson::{CsrMatrix, LinearSolver, PreconditionerKind, SolveError, SolveReport, SolverMethod, SolverSettings};
 
-const SYMMETRIC: [(SolverMethod, PreconditionerKind); 15] = [
+const SYMMETRIC: [(SolverMethod, PreconditionerKind); 13] = [
     (Gauss, Plain),
     (Cg, Plain),
     (Cg, Jacobi),
@@ -18,8 +18,6 @@ const SYMMETRIC: [(SolverMethod, PreconditionerKind); 15] = [
     (Bicgstab, Jacobi),
     (Bicgstab, Ilu0),
     (Bicgstab, Ic0),
-    (DefectCorrection, Jacobi),
-    (DefectCorrection, Ic0),
 ];
 
 fn solver(method: SolverMethod, preconditioner: PreconditionerKind, tolerance: f64) -> LinearSolver {
@@ -124,7 +122,8 @@ fn every_method_agrees_with_elimination_on_a_random_symmetric_m_matrix() {
     assert_eq!(a.asymmetry().1, 0.0);
     let b = vector(3, 600);
     let (exact, _) = solve(Gauss, Plain, 1e-10, &a, &b).unwrap();
-    for (method, preconditioner) in SYMMETRIC {
+    // A diagonal this heavy is close enough to correct defects with.
+    for (method, preconditioner) in SYMMETRIC.into_iter().chain([(DefectCorrection, Jacobi), (DefectCorrection, Ic0)]) {
         let (x, report) = solve(method, preconditioner, 1e-10, &a, &b).unwrap();
         let true_residual = relative_residual(&a, &b, &x);
         // The smallest eigenvalue is 0.02, |b| about 14: an error of 14 · 1e-10 / 0.02 is the most a residual of 1e-10 allows.
