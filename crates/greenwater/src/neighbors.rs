@@ -50,8 +50,8 @@ pub enum SearchError {
 /// in smoothing lengths (the paper's `|r| <= h_a + h_b` for `κ = 2`).
 ///
 /// Keeps the positions and smoothing lengths it was [built](Self::build) from: what it reports belongs together even when the particles have
-/// moved on. Lists alone have none until they [follow](Self::follow) some. Storage is reused from build to build. The order of the neighbours of a particle depends on the positions only,
-/// never on the number of threads.
+/// moved on. Lists alone have none until they [follow](Self::follow) some. Storage is reused from build to build. The order of the neighbours
+/// of a particle depends on the positions only, never on the number of threads.
 #[derive(Clone, Debug, Default)]
 pub struct Neighbors<const D: usize> {
     x: Vec<Vector<D>>,
