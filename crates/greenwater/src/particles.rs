@@ -195,27 +195,14 @@ impl<const D: usize> Particles<D> {
     pub(crate) fn reorder(&mut self, order: &Order) {
         self.drop_ghosts();
         let p = self;
-        rayon::scope(|scope| {
+        rayon::scope(move |scope| {
             macro_rules! reorder {
-                ($column:ident) => {{
-                    let column = &mut p.$column;
+                ($column:expr) => {{
+                    let column = &mut $column;
                     scope.spawn(move |_| order.apply(column));
                 }};
             }
-            reorder!(id);
-            reorder!(kind);
-            reorder!(layer);
-            reorder!(x);
-            reorder!(v);
-            reorder!(mass);
-            reorder!(density);
-            reorder!(pressure);
-            reorder!(h);
-            reorder!(acceleration);
-            reorder!(density_rate);
-            reorder!(surface);
-            reorder!(body);
-            reorder!(force);
+            each_column!(p, reorder);
         });
     }
 

@@ -1,5 +1,6 @@
 //! Loops over all particles, in parallel, with the same bits for any number of threads: each row is written by one closure
-//! call that only reads shared data, and rows are dealt out in fixed blocks, one at a time: rows differ in work, walls from fluid above all.
+//! call that only reads shared data, and rows are dealt out in fixed blocks. Where rows may differ in work, as walls do from fluid, blocks go
+//! one or a few at a time.
 
 use rayon::prelude::*;
 

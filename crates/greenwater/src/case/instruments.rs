@@ -196,17 +196,16 @@ pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, 
         let unused = |given: &Option<Vec<f64>>, name: &str, kind: &str| {
             source.rule(given.is_none(), &key(name), "given", format!("left out for a gauge of {kind}"))
         };
+        // The point of a line along gravity.
+        let upright = |kind: &str| {
+            unused(&gauge.from, "from", kind)?;
+            unused(&gauge.to, "to", kind)?;
+            needed(&gauge.position, "position", kind)
+        };
         let name = gauge.name.clone();
         gauges.push(match gauge.quantity {
-            GaugeQuantity::Elevation | GaugeQuantity::Depth => {
-                let (kind, of): (_, fn(Vector<D>) -> GaugeKind<D>) = match gauge.quantity {
-                    GaugeQuantity::Depth => ("depth", GaugeKind::Depth),
-                    _ => ("elevation", GaugeKind::Elevation),
-                };
-                unused(&gauge.from, "from", kind)?;
-                unused(&gauge.to, "to", kind)?;
-                Gauge { name, kind: of(needed(&gauge.position, "position", kind)?) }
-            }
+            GaugeQuantity::Elevation => Gauge { name, kind: GaugeKind::Elevation(upright("elevation")?) },
+            GaugeQuantity::Depth => Gauge { name, kind: GaugeKind::Depth(upright("depth")?) },
             GaugeQuantity::Flow => {
                 unused(&gauge.position, "position", "flow")?;
                 let (from, to) = (needed(&gauge.from, "from", "flow")?, needed(&gauge.to, "to", "flow")?);

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Preset;
-use super::acoustic::relative::Relative;
+use super::acoustic::relative::{Relative, SOUND_COURANT};
 use super::acoustic::{AnyFlux, Between, Flux, Side, StartPressure, Stepping, TensileControl};
 use super::delta_sph::{DeltaFlux, DeltaSphSettings};
 use super::settings::BrokenRule;
@@ -78,7 +78,7 @@ impl RkpmSettings {
             wall_suction: parent.wall_suction,
             start_pressure: None,
             stepping: parent.stepping,
-            acoustic_courant: 0.6,
+            acoustic_courant: SOUND_COURANT,
             search: parent.search,
         }
     }
@@ -205,7 +205,7 @@ impl MlsphSettings {
             wall_suction: parent.wall_suction,
             start_pressure: None,
             stepping: parent.stepping,
-            acoustic_courant: 0.6,
+            acoustic_courant: SOUND_COURANT,
             search: parent.search,
         }
     }

@@ -11,8 +11,9 @@ use crate::sweep::trim;
 /// Rows made as one piece of work.
 const ROWS: usize = 512;
 
-/// Bands of rows in which a level is made from the one above: what two of them need both is computed twice.
-const BANDS: usize = 8;
+/// Rows of a level from which one band of the next is made: what two bands need both is computed twice, more of it the narrower they are, and
+/// memory matters where rows are many.
+const BAND: usize = 1 << 17;
 
 /// Row without an aggregate.
 pub(super) const NONE: u32 = u32::MAX;
@@ -140,7 +141,7 @@ impl Rows {
         self.rows = n;
         self.blocks.resize_with(n.div_ceil(ROWS), Block::default);
         let (mut needed, mut product) = (Vec::new(), Rows::default());
-        let blocks_of_band = self.blocks.len().div_ceil(BANDS).max(1);
+        let blocks_of_band = self.blocks.len().div_ceil(a.rows().div_ceil(BAND).max(1)).max(1);
         for (band, blocks) in self.blocks.chunks_mut(blocks_of_band).enumerate() {
             let first = band * blocks_of_band * ROWS;
             let rows = first..n.min(first + blocks.len() * ROWS);

@@ -12,6 +12,10 @@ use crate::scheme::delta_sph::{DeltaFlux, DeltaSph, DeltaSphSettings};
 use crate::scheme::settings::{BrokenRule, Settings, Still};
 use crate::scheme::{Medium, Preset, Scheme};
 
+/// Default share of `h/(c0 + v)` that a sound step of a relative takes, dimensionless (Zhang et al. 2020): the analysis that lets δ-SPH take
+/// longer ones is of its own pair terms.
+pub(in crate::scheme) const SOUND_COURANT: f64 = 0.6;
+
 /// What such a method says of itself; the rest of its [`Settings`] is that of δ-SPH.
 pub(in crate::scheme) trait Relative: Serialize + DeserializeOwned + JsonSchema {
     /// As [`Settings::STEP_COST`].
