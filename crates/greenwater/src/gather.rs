@@ -338,17 +338,43 @@ mod avx512 {
         for (k, columns) in columns.iter().enumerate() {
             // SAFETY: `Lanes` are 64 bytes on a boundary of 64.
             let columns = unsafe { _mm512_load_si512(columns.0.as_ptr().cast()) };
-            let first = _mm512_mullo_epi32(columns, _mm512_set1_epi32(S as i32));
-            for (s, w) in w.iter().enumerate() {
-                // SAFETY: as above; number `s < S` of a value within `x`, as the caller promises.
-                let (w, gathered) = unsafe {
-                    let x = x.as_ptr().cast::<f32>().add(s);
-                    (_mm512_load_ps(w[k].0.as_ptr()), _mm512_i32gather_ps::<4>(first, x))
-                };
+            // SAFETY: indices are within `x` as the caller promises.
+            let gathered = unsafe { both_or_each(columns, x) };
+            for (w, gathered) in w.iter().zip(gathered) {
+                // SAFETY: `Lanes` are 64 bytes on a boundary of 64.
+                let w = unsafe { _mm512_load_ps(w[k].0.as_ptr()) };
                 total = _mm512_add_ps(total, _mm512_mul_ps(w, gathered));
             }
         }
         store(total)
+    }
+
+    /// The numbers of sixteen values, one register each. Two numbers travel as one of twice the length: a gather costs by the element.
+    ///
+    /// # Safety
+    /// Columns are below `x.len()`, and `S` times that fits 31 bits.
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    unsafe fn both_or_each<const S: usize>(columns: __m512i, x: &[[f32; S]]) -> [__m512; S] {
+        let mut gathered = [_mm512_setzero_ps(); S];
+        if S == 2 {
+            let (low, high) = (_mm512_castsi512_si256(columns), _mm512_extracti64x4_epi64::<1>(columns));
+            // SAFETY: a value is 8 bytes, and indices are within `x` as the caller promises.
+            let [low, high] =
+                unsafe { [_mm512_i32gather_pd::<8>(low, x.as_ptr().cast()), _mm512_i32gather_pd::<8>(high, x.as_ptr().cast())] };
+            let (low, high) = (_mm512_castpd_ps(low), _mm512_castpd_ps(high));
+            for (s, gathered) in gathered.iter_mut().enumerate() {
+                let first = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+                *gathered = _mm512_permutex2var_ps(low, _mm512_add_epi32(first, _mm512_set1_epi32(s as i32)), high);
+            }
+            return gathered;
+        }
+        let first = _mm512_mullo_epi32(columns, _mm512_set1_epi32(S as i32));
+        for (s, gathered) in gathered.iter_mut().enumerate() {
+            // SAFETY: number `s < S` of a value within `x`, as the caller promises.
+            *gathered = unsafe { _mm512_i32gather_ps::<4>(first, x.as_ptr().cast::<f32>().add(s)) };
+        }
+        gathered
     }
 
     /// # Safety

@@ -110,9 +110,9 @@ pub(crate) trait Term<L: Lanes, const D: usize> {
 }
 
 /// What is found for each row and each of its pairs; `row` must be `#[inline(always)]`, see [`Job`].
-pub(crate) trait RowsOfPairs<T>: Sync {
+pub(crate) trait RowsOfPairs<T, U>: Sync {
     /// Pushes a value for each neighbour of `a`, in the order of [`Neighbors::for_each`], whole eights or not; answers what belongs to `a`.
-    fn row<L: Lanes>(&self, a: usize, values: &mut Vec<f64>) -> T;
+    fn row<L: Lanes>(&self, a: usize, values: &mut Vec<f32>) -> (T, U);
 }
 
 /// The record behind all others: nobody, out of everyone's reach. 1e30 m: its square is a number, too.
@@ -126,16 +126,17 @@ pub(crate) const NOBODY: Record = {
     Record(fields)
 };
 
-/// A value for every listed pair, in the order of the lists: what many sums need and one sweep computes.
+/// A value for every listed pair, in the order of the lists: what many sums need and one sweep computes. In double precision, or in single where values go into
+/// matrices that are stored so.
 #[derive(Clone, Debug, Default)]
-pub struct PairColumn {
-    segments: Vec<Vec<f64>>,
+pub struct PairColumn<T = f64> {
+    segments: Vec<Vec<T>>,
 }
 
-impl PairColumn {
+impl<T> PairColumn<T> {
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
-        self.segments.iter().map(|segment| 8 * segment.capacity()).sum()
+        self.segments.iter().map(|segment| size_of::<T>() * segment.capacity()).sum()
     }
 }
 
@@ -285,29 +286,37 @@ impl<const D: usize> Neighbors<D> {
         });
     }
 
-    /// Fills a column row by row and finds something else for each row, with vectors of any kind; see [`RowsOfPairs`].
-    pub(crate) fn fill_rows<T: Send, R: RowsOfPairs<T>>(&self, set: InstructionSet, column: &mut PairColumn, out: &mut [T], rows: &R) {
-        struct Block<'a, T, R> {
+    /// Fills a column row by row and finds two things more for each row, with vectors of any kind; see [`RowsOfPairs`].
+    pub(crate) fn fill_rows<T: Send, U: Send, R: RowsOfPairs<T, U>>(
+        &self,
+        set: InstructionSet,
+        column: &mut PairColumn<f32>,
+        (first, second): (&mut [T], &mut [U]),
+        rows: &R,
+    ) {
+        struct Block<'a, T, U, R> {
             start: usize,
-            values: &'a mut Vec<f64>,
-            out: &'a mut [T],
+            values: &'a mut Vec<f32>,
+            first: &'a mut [T],
+            second: &'a mut [U],
             rows: &'a R,
         }
 
-        impl<T, R: RowsOfPairs<T>> Job for Block<'_, T, R> {
+        impl<T, U, R: RowsOfPairs<T, U>> Job for Block<'_, T, U, R> {
             #[inline(always)]
             fn run<L: Lanes>(self) {
-                for (i, out) in self.out.iter_mut().enumerate() {
-                    *out = self.rows.row::<L>(self.start + i, self.values);
+                for (i, (first, second)) in self.first.iter_mut().zip(self.second).enumerate() {
+                    (*first, *second) = self.rows.row::<L>(self.start + i, self.values);
                     self.values.resize(self.values.len().next_multiple_of(LANES), 0.0);
                 }
             }
         }
 
         column.segments.resize_with(self.segments.len(), Vec::new);
-        column.segments.par_iter_mut().zip(out.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (values, out))| {
+        let blocks = column.segments.par_iter_mut().zip(first.par_chunks_mut(BLOCK)).zip(second.par_chunks_mut(BLOCK));
+        blocks.enumerate().with_max_len(1).for_each(|(block, ((values, first), second))| {
             values.clear();
-            dispatch(set, Block { start: block * BLOCK, values: &mut *values, out, rows });
+            dispatch(set, Block { start: block * BLOCK, values: &mut *values, first, second, rows });
             trim(values);
         });
     }
@@ -315,14 +324,14 @@ impl<const D: usize> Neighbors<D> {
     /// Calls `each(b, x_ab, value)` with every neighbour of `a` in the order of [`for_each`](Self::for_each), `value` from a
     /// column that was [filled](Self::fill) from these lists.
     #[inline(always)]
-    pub fn for_each_with(&self, a: usize, column: &PairColumn, mut each: impl FnMut(usize, Vector<D>, f64)) {
+    pub fn for_each_with<T: Copy + Into<f64>>(&self, a: usize, column: &PairColumn<T>, mut each: impl FnMut(usize, Vector<D>, f64)) {
         let (block, i) = (a / BLOCK, a % BLOCK);
         let segment = &self.segments[block];
         let range = segment.range(i);
         let x_a = self.x[a];
         for (&b, &value) in segment.list.rows()[range.clone()].iter().zip(&column.segments[block][range]) {
             let b = b as usize;
-            each(b, x_a - self.x[b], value);
+            each(b, x_a - self.x[b], value.into());
         }
     }
 

@@ -5,6 +5,7 @@
 pub mod arrangement;
 pub mod consistency;
 pub mod correction;
+pub(crate) mod damping;
 pub mod density;
 pub mod diffusion;
 pub mod lattice;

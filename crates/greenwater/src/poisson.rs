@@ -18,6 +18,7 @@ mod report;
 mod settings;
 mod sliced;
 mod solver;
+mod thrift;
 
 pub use aggregates::Aggregates;
 pub use csr::{CsrMatrix, Row};

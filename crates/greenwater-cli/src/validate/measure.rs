@@ -466,6 +466,15 @@ fn pick(pick: Pick, rows: &[[f64; 2]], at: Option<f64>) -> Result<f64, Problem> 
         Pick::Min => min(),
         Pick::Linf => max().max(-min()),
         Pick::Amplitude => 0.5 * (max() - min()),
+        Pick::Harmonic => {
+            let (start, span) = (times[0], times[times.len() - 1] - times[0]);
+            let periods = needed()?;
+            let part = |of: fn(f64) -> f64| {
+                let weighed = rows.iter().map(|[t, value]| (value - mean) * of(2.0 * std::f64::consts::PI * periods * (t - start) / span));
+                2.0 * time_mean(&times, &weighed.collect::<Vec<_>>()).unwrap_or(f64::NAN)
+            };
+            part(f64::sin).hypot(part(f64::cos))
+        }
         Pick::Noise => {
             let squares: Vec<f64> = values.iter().map(|v| (v - mean) * (v - mean)).collect();
             time_mean(&times, &squares).unwrap_or(f64::NAN).sqrt()
@@ -607,6 +616,9 @@ mod tests {
             let value = pick(which, &sine(), at).unwrap();
             assert!((value - expected).abs() < 1e-3, "{which:?}: {value} instead of {expected}");
         }
+        // Noise or not.
+        let noisy: Vec<[f64; 2]> = sine().into_iter().enumerate().map(|(i, [t, y])| [t, y + 0.1 * [1.0, -1.0][i % 2]]).collect();
+        assert!((pick(Pick::Harmonic, &noisy, Some(5.0)).unwrap() - 0.3).abs() < 1e-3);
         assert!(pick(Pick::At, &sine(), Some(6.0)).is_err() && pick(Pick::At, &sine(), None).is_err());
     }
 

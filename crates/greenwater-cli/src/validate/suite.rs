@@ -286,7 +286,7 @@ pub struct Series {
     pub from: Option<Number>,
     /// To here, s.
     pub to: Option<Number>,
-    /// A time (`at`) or a value (`first`).
+    /// A time (`at`), a value (`first`) or a number of periods (`harmonic`).
     pub at: Option<Number>,
     /// What the result is divided by; left out: 1.
     pub scale: Option<Number>,
@@ -314,6 +314,8 @@ pub enum Pick {
     Linf,
     /// Half of the difference between greatest and least.
     Amplitude,
+    /// Amplitude of the sine of which the span of the rows holds `at` periods.
+    Harmonic,
     /// Root of the mean square departure from the mean.
     Noise,
     /// Mean time between rises through the mean.

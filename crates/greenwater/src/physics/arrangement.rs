@@ -6,7 +6,7 @@ use super::lattice::Lattice;
 use super::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, scaled, splat, totals};
 use crate::kernel::Kernel;
 use crate::lanes::Lanes;
-use crate::math::{Matrix, Vector, identity, inverse, smallest_eigenvalue};
+use crate::math::{Matrix, Vector, identity, inverse, smallest_eigenvalue, transform};
 use crate::neighbors::{Neighbors, Octet, PairColumn, Term};
 
 /// Where a particle is.
@@ -36,8 +36,6 @@ pub struct Arrangement<const D: usize> {
     pub crowding: Vector<D>,
     /// `Σ f x_ab` over walls, 1/m: points away from them.
     pub off_walls: Vector<D>,
-    /// `Σ f min(v_ab·x_ab, 0) x_ab/r²` over fluid, 1/(m s): what is to be damped of the approach of pairs.
-    pub approach: Vector<D>,
     /// Makes the pressure gradient exact for linear fields: the inverse of `Σ f x_ab ⊗ x_ab` over fluid and `Σ f (n·x_ab)² n ⊗ n` over
     /// walls of normal `n`, whose pressure is known along the normal only; blended to the identity where neighbours are too few.
     pub correction: Matrix<D>,
@@ -80,7 +78,6 @@ impl<const D: usize> Arrangement<D> {
             slope: Vector::ZERO,
             crowding: Vector::ZERO,
             off_walls: Vector::ZERO,
-            approach: Vector::ZERO,
             correction: identity(),
             deficit: 0.0,
             may_be_foam: 0.0,
@@ -90,10 +87,15 @@ impl<const D: usize> Arrangement<D> {
         }
     }
 
-    /// Sums over the neighbours of fluid particle `a`, and whether it is on the surface; nobody is near one yet. Records carry velocities of fluid and
-    /// normals of walls. Appends `f_ab` of each neighbour to `weights`, if any are wanted.
+    /// Sums over the neighbours of fluid particle `a`, whether it is on the surface, and how the fluid around it stretches, `(∇v + ∇vᵀ)/2`, 1/s; nobody is
+    /// near a surface yet. Records carry velocities of fluid and normals of walls. Appends `f_ab` of each neighbour to `weights`, if any are wanted.
     #[inline(always)]
-    pub(crate) fn of<K: Kernel<D>, L: Lanes>(pairs: &Pairs<'_, K, D>, l: &Lattice, a: usize, weights: Option<&mut Vec<f64>>) -> Self {
+    pub(crate) fn of<K: Kernel<D>, L: Lanes>(
+        pairs: &Pairs<'_, K, D>,
+        l: &Lattice,
+        a: usize,
+        weights: Option<&mut Vec<f32>>,
+    ) -> (Self, Matrix<D>) {
         let (own, h) = (pairs.records[a], pairs.near.h(a));
         let reach = pairs.reach::<L>(h);
         let around = Around {
@@ -115,7 +117,6 @@ impl<const D: usize> Arrangement<D> {
         at.slope = -totals(sums.slope);
         at.crowding = -totals(sums.crowding);
         at.off_walls = totals(sums.off_walls);
-        at.approach = totals(sums.approach);
         let (mut moment, mut known) = ([Vector::ZERO; D], [Vector::ZERO; D]);
         for i in 0..D {
             for j in i..D {
@@ -153,7 +154,12 @@ impl<const D: usize> Arrangement<D> {
         if sparse || at_waterline {
             at.place = Place::Surface;
         }
-        at
+        // ∇v = (Σ f v_ab ⊗ x_ab) M⁻¹ with the inverse moments.
+        let mut change = [Vector::ZERO; D];
+        for i in 0..D {
+            change[i] = transform(&at.correction, totals(sums.change[i]));
+        }
+        (at, std::array::from_fn(|i| Vector(std::array::from_fn(|j| 0.5 * (change[i][j] + change[j][i])))))
     }
 
     /// Whether walls stand beside the surface of this particle, not under or over it.
@@ -163,7 +169,14 @@ impl<const D: usize> Arrangement<D> {
 
     /// Says whether fluid particle `a` is near the surface, how deep under it and in what direction, from the places of the
     /// particles around it.
-    pub fn look_for_surface(&mut self, l: &Lattice, near: &Neighbors<D>, f: &PairColumn, places: &[Place], a: usize) {
+    pub fn look_for_surface<T: Copy + Into<f64>>(
+        &mut self,
+        l: &Lattice,
+        near: &Neighbors<D>,
+        f: &PairColumn<T>,
+        places: &[Place],
+        a: usize,
+    ) {
         if self.place == Place::Surface {
             return;
         }
@@ -260,7 +273,7 @@ struct Around<'a, K, L, const D: usize> {
     /// Whether smoothing lengths differ.
     lengths: bool,
     /// Where `f` goes.
-    weights: Option<RefCell<&'a mut Vec<f64>>>,
+    weights: Option<RefCell<&'a mut Vec<f32>>>,
 }
 
 /// Lanes of [`Around`].
@@ -271,7 +284,8 @@ struct Sums<L, const D: usize> {
     slope: [L; D],
     crowding: [L; D],
     off_walls: [L; D],
-    approach: [L; D],
+    /// `Σ f v_ab ⊗ x_ab` over fluid.
+    change: [[L; D]; D],
     moment: [[L; D]; D],
     known: [[L; D]; D],
 }
@@ -289,7 +303,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
             slope: [zero; D],
             crowding: [zero; D],
             off_walls: [zero; D],
-            approach: [zero; D],
+            change: [[zero; D]; D],
             moment: [[zero; D]; D],
             known: [[zero; D]; D],
         }
@@ -308,7 +322,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
         };
         let f = -(volume * dw);
         if let Some(weights) = &self.weights {
-            weights.borrow_mut().extend_from_slice(&f.to_array());
+            weights.borrow_mut().extend_from_slice(&f.to_array().map(|f| f as f32));
         }
         let x = &octet.x_ab;
         sums.filling = volume.times_plus(w, sums.filling);
@@ -321,10 +335,10 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
         // Walls count along their normals; those without one count in full.
         let wall = L::choose(b.wall, f, L::splat(0.0));
         add_scaled(&mut sums.off_walls, wall, x);
-        // Between fluid only; nothing comes of particles at one place.
-        let square = (octet.r * octet.r).at_least(L::splat(f64::MIN_POSITIVE));
-        let approach = dot(&difference(&self.v, &b.v), x).at_most(L::splat(0.0));
-        add_scaled(&mut sums.approach, (f - wall) * approach / square, x);
+        let (v_ab, fluid) = (difference(&self.v, &b.v), f - wall);
+        for i in 0..D {
+            add_scaled(&mut sums.change[i], fluid * v_ab[i], x);
+        }
         let normal_length = dot(&b.v, &b.v);
         let along = scaled(dot(&b.v, x), &b.v);
         for i in 0..D {
@@ -376,7 +390,7 @@ mod tests {
         struct One<'a>(Pairs<'a, WendlandC2, 2>, usize, &'a mut Arrangement<2>);
         impl Job for One<'_> {
             fn run<L: Lanes>(self) {
-                *self.2 = Arrangement::of::<_, L>(&self.0, &lattice(), self.1, None);
+                *self.2 = Arrangement::of::<_, L>(&self.0, &lattice(), self.1, None).0;
             }
         }
         let set = InstructionSet::of_this_machine();
@@ -424,7 +438,7 @@ mod tests {
         let (p, normals) = block(0.0);
         let mut near = Neighbors::new();
         near.build(&p, 2.0, Search::Grid).unwrap();
-        let mut f = PairColumn::default();
+        let mut f = PairColumn::<f64>::default();
         near.fill(&mut f, |_, pair| -WendlandC2.slope(pair.r));
         let l = lattice();
         let mut at: Vec<_> =

@@ -79,16 +79,17 @@ pub(super) fn cg(system: &mut System, x: &mut [f64], v: &mut Vectors) -> Result<
     Ok(system.budget)
 }
 
-/// Conjugate gradients with multigrid on a matrix in slices, until the residual has fallen to `target` or for `budget` iterations.
+/// Conjugate gradients on a matrix in slices, until the residual has fallen to `target` or for `budget` iterations; `precondition(r, z)` sets
+/// `z = M⁻¹ r`.
 pub(super) fn cg_sliced(
     a: &Sliced,
-    m: &mut Preconditioner,
+    mut precondition: impl FnMut(&[f64], &mut [f64]),
     (target, budget): (f64, usize),
     x: &mut [f64],
     v: &mut Vectors,
 ) -> Result<usize, Stuck> {
     let Vectors { r, p, q, z, .. } = v;
-    m.apply_to(a, r, z);
+    precondition(r, z);
     p.copy_from_slice(z);
     let mut rz = dot(r, z);
     for iteration in 1..=budget {
@@ -105,7 +106,7 @@ pub(super) fn cg_sliced(
         if norm(r) <= target {
             return Ok(iteration);
         }
-        m.apply_to(a, r, z);
+        precondition(r, z);
         let rz_old = std::mem::replace(&mut rz, dot(r, z));
         scale_add(p, rz / rz_old, z);
     }

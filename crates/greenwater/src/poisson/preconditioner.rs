@@ -104,6 +104,11 @@ impl Preconditioner {
         self.multigrid.apply(a, r, z);
     }
 
+    /// Work of an iteration of conjugate gradients with multigrid for `a`, in products with it.
+    pub(super) fn products(&self, a: &Sliced) -> f64 {
+        1.0 + self.multigrid.products(a)
+    }
+
     /// `z = M⁻¹ r`.
     pub(super) fn apply(&mut self, r: &[f64], z: &mut [f64]) {
         match self.kind {

@@ -42,7 +42,7 @@ pub enum PreconditionerKind {
     /// 473.
     Ic0,
     /// Smoothed-aggregation multigrid: symmetric positive matrices whose iterations would grow with their size; from some 10⁴
-    /// unknowns on the fastest. Source: Vaněk, Mandel & Brezina, Computing 56 (1996) 179.
+    /// unknowns on the fastest. In `isph` Jacobi stands in for it where it is cheaper. Source: Vaněk, Mandel & Brezina, Computing 56 (1996) 179.
     Multigrid,
 }
 

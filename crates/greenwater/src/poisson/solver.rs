@@ -5,8 +5,10 @@ use std::time::Instant;
 use super::dense::DenseLu;
 use super::krylov::{self, Stuck, System, Vectors};
 use super::preconditioner::Preconditioner;
+use super::thrift::Thrift;
 use super::{CsrMatrix, PreconditionerKind, Sliced, SolveError, SolveReport, SolverMethod, SolverSettings};
 use crate::reduce::norm;
+use crate::sweep::sweep;
 
 /// Largest asymmetry (see [`CsrMatrix::asymmetry`]) of a matrix that CG accepts: rounding, with room to spare.
 const CG_ASYMMETRY: f64 = 1e-6;
@@ -18,7 +20,7 @@ const IC_ASYMMETRY: f64 = 0.1;
 const REFINEMENTS: usize = 10;
 
 /// Solves after which a kept multigrid is built anew in any case: particles have moved by some spacings then.
-const OLDEST: usize = 20;
+pub(super) const OLDEST: usize = 20;
 
 /// Iterations for a decade of the residual, over those of the solve after the build, from which a kept multigrid is too old.
 const WORN: f64 = 1.5;
@@ -29,9 +31,11 @@ const LEFT: f64 = 0.1;
 /// Relative residual that is rounding: weights have seven digits, and sums of them some more.
 const SLICED_ROUNDING: f64 = 1e-10;
 
-/// A multigrid that was built for an earlier matrix: it stays symmetric and positive, and slowly loses what it does.
+/// A multigrid that was built for an earlier matrix: it stays symmetric and positive, and slowly loses what it does. Or Jacobi in its place, which
+/// has nothing to lose.
 #[derive(Clone, Copy, Debug)]
 struct Kept {
+    jacobi: bool,
     rows: usize,
     solves: usize,
     /// Iterations for a decade of the residual in the solve after the build.
@@ -46,6 +50,7 @@ struct Kept {
 pub struct LinearSolver {
     settings: SolverSettings,
     kept: Option<Kept>,
+    thrift: Thrift,
     preconditioner: Preconditioner,
     dense: DenseLu,
     vectors: Vectors,
@@ -62,6 +67,7 @@ impl LinearSolver {
             preconditioner: Preconditioner::new(settings.preconditioner),
             settings,
             kept: None,
+            thrift: Thrift::default(),
             dense: DenseLu::new(),
             vectors: Vectors::default(),
         })
@@ -93,7 +99,7 @@ impl LinearSolver {
         (self.settings.method, self.settings.preconditioner) == (SolverMethod::Cg, PreconditionerKind::Multigrid)
     }
 
-    /// Whether the next solve for so many unknowns builds multigrid anew: the time to number them anew.
+    /// Whether the next solve for so many unknowns builds multigrid anew, or could: the time to number them anew.
     pub fn is_due(&self, rows: usize) -> bool {
         !self.serves(rows)
     }
@@ -111,7 +117,9 @@ impl LinearSolver {
     /// still water, a start may be good enough for its size and still hold all that has happened since the solve before, which
     /// must not be left to grow.
     ///
-    /// Levels below the matrix are kept from solve to solve as in [`solve`](Self::solve).
+    /// Levels below the matrix are kept from solve to solve as in [`solve`](Self::solve). When they are due, and Jacobi is the cheaper preconditioner, it
+    /// takes their place for as long as it is: fluid in fragments, or little of it. What is cheaper is told by products with the matrix, which are
+    /// counted, so that a run repeats itself to the bit.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
@@ -141,7 +149,9 @@ impl LinearSolver {
                 goal = tolerance.min((LEFT * report.residual).max(SLICED_ROUNDING));
             }
             if report.residual <= goal {
-                self.look_after(report.iterations - before, from / report.residual);
+                if let Some(rate) = self.look_after(report.iterations - before, from / report.residual) {
+                    self.thrift.measured(rate * self.preconditioner.products(a));
+                }
                 report.seconds = started.elapsed().as_secs_f64();
                 return Ok(report);
             }
@@ -153,13 +163,25 @@ impl LinearSolver {
                 (from, before) = (report.residual, report.iterations);
             }
             if report.iterations == 0 && !self.serves(a.rows()) {
-                let setup = Instant::now();
-                self.build_below(a)?;
-                report.setup_seconds = setup.elapsed().as_secs_f64();
+                if self.thrift.chooses_jacobi() {
+                    self.kept = Some(Kept { jacobi: true, rows: a.rows(), solves: 0, fresh: None, worn: false });
+                } else {
+                    let setup = Instant::now();
+                    self.build_below(a)?;
+                    report.setup_seconds = setup.elapsed().as_secs_f64();
+                }
             }
+            let jacobi = self.kept.is_some_and(|kept| kept.jacobi);
+            let decades = (report.residual / goal).log10();
             let left = max_iterations - report.iterations;
-            let budget = left.min(self.patience((report.residual / goal).log10()));
-            match krylov::cg_sliced(a, &mut self.preconditioner, (goal * size, budget), x, &mut self.vectors) {
+            let budget = left.min(if jacobi { self.thrift.allowance(decades) } else { self.patience(decades) });
+            let (target, m, v) = ((goal * size, budget), &mut self.preconditioner, &mut self.vectors);
+            let improved = if jacobi {
+                krylov::cg_sliced(a, |r, z| sweep(z, |i| r[i] / a.diagonal(i)), target, x, v)
+            } else {
+                krylov::cg_sliced(a, |r, z| m.apply_to(a, r, z), target, x, v)
+            };
+            match improved {
                 Ok(iterations) => {
                     report.iterations += iterations;
                     if iterations == budget && budget < left {
@@ -167,7 +189,7 @@ impl LinearSolver {
                         from = f64::NAN;
                     }
                 }
-                Err(_) if self.kept.is_some_and(|kept| kept.solves > 0) => {
+                Err(_) if self.kept.is_some_and(|kept| kept.jacobi || kept.solves > 0) => {
                     self.build_below(a)?;
                     from = f64::NAN;
                 }
@@ -179,10 +201,13 @@ impl LinearSolver {
         }
     }
 
+    /// Builds multigrid, in place of what was there.
     fn build_below(&mut self, a: &Sliced) -> Result<(), SolveError> {
-        self.kept = None;
+        if self.kept.take().is_some_and(|kept| kept.jacobi) {
+            self.thrift.dismiss_jacobi();
+        }
         self.preconditioner.build_below(a)?;
-        self.kept = Some(Kept { rows: a.rows(), solves: 0, fresh: None, worn: false });
+        self.kept = Some(Kept { jacobi: false, rows: a.rows(), solves: 0, fresh: None, worn: false });
         Ok(())
     }
 
@@ -268,7 +293,7 @@ impl LinearSolver {
         self.kept = None;
         let shift = self.preconditioner.build(a)?;
         if self.settings.preconditioner == PreconditionerKind::Multigrid {
-            self.kept = Some(Kept { rows: a.rows(), solves: 0, fresh: None, worn: false });
+            self.kept = Some(Kept { jacobi: false, rows: a.rows(), solves: 0, fresh: None, worn: false });
         }
         Ok(shift)
     }
@@ -289,16 +314,19 @@ impl LinearSolver {
         self.prepare(a).map(|_| ())
     }
 
-    /// Judges a kept multigrid by a solve of so many iterations that reduced the residual by `factor`.
-    fn look_after(&mut self, iterations: usize, factor: f64) {
+    /// Judges a kept multigrid by a solve of so many iterations that reduced the residual by `factor`; answers the iterations of a decade where
+    /// this was its first.
+    fn look_after(&mut self, iterations: usize, factor: f64) -> Option<f64> {
+        let kept = self.kept.as_mut().filter(|_| iterations > 0)?;
+        kept.solves += 1;
         // A tenth is the least from which a rate can be told.
-        if let Some(kept) = self.kept.as_mut().filter(|_| iterations > 0) {
-            kept.solves += 1;
-            if factor >= 10.0 {
-                let rate = iterations as f64 / factor.log10();
-                kept.worn = rate > WORN * *kept.fresh.get_or_insert(rate);
-            }
+        if kept.jacobi || factor < 10.0 {
+            return None;
         }
+        let rate = iterations as f64 / factor.log10();
+        let first = kept.fresh.is_none();
+        kept.worn = rate > WORN * *kept.fresh.get_or_insert(rate);
+        first.then_some(rate)
     }
 
     /// Improves `x` from the true residual; answers the iterations made.

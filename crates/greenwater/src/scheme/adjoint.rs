@@ -90,7 +90,7 @@ struct Looking<'a, K, const D: usize> {
 impl<K: Kernel<D>, const D: usize> Rows<Arrangement<D>> for Looking<'_, K, D> {
     #[inline(always)]
     fn row<L: Lanes>(&self, a: usize, at: &mut Arrangement<D>, _: &mut ()) {
-        *at = if self.p.is_fluid(a) { Arrangement::of::<_, L>(&self.pairs, self.lattice, a, None) } else { Arrangement::alone() };
+        *at = if self.p.is_fluid(a) { Arrangement::of::<_, L>(&self.pairs, self.lattice, a, None).0 } else { Arrangement::alone() };
     }
 }
 

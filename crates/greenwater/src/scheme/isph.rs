@@ -17,11 +17,12 @@ use super::before::Before;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::lanes::{InstructionSet, Lanes, Record};
-use crate::math::{Vector, transform};
+use crate::lanes::{InstructionSet, Lanes, Record, sweep_lanes};
+use crate::math::{Matrix, Vector, transform};
 use crate::neighbors::{NOBODY, Neighbors, PairColumn, RowsOfPairs};
 use crate::particles::{Kind, Particles};
 use crate::physics::arrangement::{Arrangement, Place, across, known_along};
+use crate::physics::damping::Damping;
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record};
 use crate::poisson::{Arms, CsrMatrix, LinearSolver, Sliced, SolveError, SolveReport};
@@ -58,9 +59,12 @@ struct Flow<const D: usize> {
     settings: IsphSettings,
     lattice: Lattice,
     near: Neighbors<D>,
-    /// `f` of each pair, 1/m².
-    f: PairColumn,
+    /// `f` of each pair, 1/m²: as precise as the matrix that is made of it.
+    f: PairColumn<f32>,
     sense: Sense,
+    /// How the flow stretches, 1/s, and what is to be damped of it, 1/(m s); see [`Damping`].
+    stretch: Vec<Matrix<D>>,
+    damping: Vec<Vector<D>>,
     at: Vec<Arrangement<D>>,
     places: Vec<Place>,
     numbering: Numbering,
@@ -121,6 +125,8 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             near: Neighbors::new(),
             f: PairColumn::default(),
             sense: Sense::default(),
+            stretch: Vec::new(),
+            damping: Vec::new(),
             at: Vec::new(),
             places: Vec::new(),
             numbering: Numbering::default(),
@@ -171,7 +177,15 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         let (near, lattice) = (&flow.near, &flow.lattice);
         let set = InstructionSet::of_this_machine();
         let pairs = Pairs { set, kernel, near, records: &flow.sense.records, lengths: lengths.then_some(flow.sense.lengths.as_slice()) };
-        near.fill_rows(set, &mut flow.f, &mut flow.at, &Looking { pairs, lattice, p });
+        let mut stretch = std::mem::take(&mut flow.stretch);
+        stretch.resize(p.len() + 1, [Vector::ZERO; D]);
+        near.fill_rows(set, &mut flow.f, (&mut flow.at, &mut stretch[..owned]), &Looking { pairs, lattice, p });
+        domain.refresh_column(&mut stretch[..p.len()]);
+        flow.damping.resize(owned, Vector::ZERO);
+        if flow.settings.dissipation > 0.0 {
+            sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: &stretch, half_over_rest: 0.5 / rest });
+        }
+        flow.stretch = stretch;
         let f = &flow.f;
         if flow.settings.free_surface == FreeSurface::None {
             flow.at.iter_mut().for_each(|at| at.place = Place::Inside);
@@ -226,18 +240,18 @@ struct Looking<'a, K, const D: usize> {
     p: &'a Particles<D>,
 }
 
-impl<K: Kernel<D>, const D: usize> RowsOfPairs<Arrangement<D>> for Looking<'_, K, D> {
+impl<K: Kernel<D>, const D: usize> RowsOfPairs<Arrangement<D>, Matrix<D>> for Looking<'_, K, D> {
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, f: &mut Vec<f64>) -> Arrangement<D> {
+    fn row<L: Lanes>(&self, a: usize, f: &mut Vec<f32>) -> (Arrangement<D>, Matrix<D>) {
         let Self { pairs, lattice, p } = self;
         if p.is_fluid(a) {
             return Arrangement::of::<_, L>(pairs, lattice, a, Some(f));
         }
         let half_over_rest = 0.5 / lattice.rest_density;
         pairs.near.for_each(a, |pair| {
-            f.push(-half_over_rest * (p.mass[a] + p.mass[pair.b]) * pairs.kernel.dw_over_r(pair.r, pair.h));
+            f.push((-half_over_rest * (p.mass[a] + p.mass[pair.b]) * pairs.kernel.dw_over_r(pair.r, pair.h)) as f32);
         });
-        Arrangement::alone()
+        (Arrangement::alone(), [Vector::ZERO; D])
     }
 }
 
@@ -256,12 +270,12 @@ impl<const D: usize> Flow<D> {
 
     /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997), inside less what uneven neighbours make of a
     /// linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
-    /// particles, `2(D+2) ν f (v_ab·x_ab) x_ab/r²` with `ν = dissipation · h U/8` (Monaghan 1992).
+    /// particles, `2(D+2) ν` times [`Damping`] with `ν = dissipation · h U/8`.
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
         let nu = self.diffusivity();
         let numerical = 2.0 * (D as f64 + 2.0) * self.settings.dissipation * self.near.h(a) * speed / 8.0;
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
-        let mut total = -numerical * self.at[a].approach;
+        let mut total = -numerical * self.damping[a];
         if nu == 0.0 {
             return total;
         }

@@ -117,16 +117,20 @@ impl Rows {
         gather(&mut self.blocks, 0..n, columns, work, fill);
     }
 
-    /// `(I − damping D⁻¹A) T` with `T` one where a row belongs to one of `count` aggregates.
-    pub(super) fn smoothed(&mut self, a: &Sliced, damping: f32, aggregate: &[u32], count: usize, work: &mut Workspaces) {
-        let inverse = a.inverse();
+    /// `(I − damping S⁻¹F) T` with `T` one where a row belongs to one of `count` aggregates, `F` the matrix `A` with its weak ties added to the diagonal, and `S` the
+    /// sums of the sizes of its rows, above its eigenvalues.
+    pub(super) fn smoothed(&mut self, a: &Sliced, strength: f64, damping: f32, aggregate: &[u32], count: usize, work: &mut Workspaces) {
         self.gather(a.rows(), count, work, |i, row| {
             if aggregate[i] == NONE {
                 return;
             }
-            let scale = damping * inverse[i];
-            row.add(aggregate[i], 1.0 - scale * a.diagonal(i) as f32);
-            for (j, weight) in a.row(i) {
+            let least = strength * strength * a.diagonal(i);
+            let strong = |(j, weight): (u32, f32)| f64::from(weight) * f64::from(weight) > least * a.diagonal(j as usize);
+            let (mut diagonal, mut size) = (a.diagonal(i) as f32, 0.0);
+            a.row(i).for_each(|tie| if strong(tie) { size += tie.1.abs() } else { diagonal -= tie.1 });
+            let scale = damping / (diagonal.abs() + size);
+            row.add(aggregate[i], 1.0 - scale * diagonal);
+            for (j, weight) in a.row(i).filter(|&tie| strong(tie)) {
                 if aggregate[j as usize] != NONE {
                     row.add(aggregate[j as usize], scale * weight);
                 }

@@ -38,7 +38,8 @@ pub struct IsphSettings {
     pub preset: Preset,
     /// Whether a surface with pressure zero is looked for.
     pub free_surface: FreeSurface,
-    /// Share of `h U/8` that is the viscosity between approaching particles, dimensionless, >= 0; 0 is inviscid.
+    /// Share of `h U/8` that is the viscosity between particles that approach each other faster than the flow around them explains, dimensionless,
+    /// >= 0; 0 is inviscid.
     pub dissipation: f64,
     /// Pressure solves in a step, 1 to 4: each further one takes up what those before left of the divergence.
     pub pressure_passes: u32,
@@ -62,7 +63,7 @@ impl IsphSettings {
         Self {
             preset,
             free_surface: FreeSurface::Tracked,
-            dissipation: 0.1,
+            dissipation: 0.3,
             pressure_passes: 2,
             velocity_iterations: 5,
             density_iterations: 10,
@@ -108,7 +109,13 @@ impl Settings for IsphSettings {
             ("compressibility", "incompressible".to_owned()),
             ("pressure from", format!("div v = 0, {} pass(es) of a compact equation", s.pressure_passes)),
             ("density from", "sum over neighbours; kept by moving particles".to_owned()),
-            ("viscosity", format!("of the fluid, and {} h U/8 between approaching particles", s.dissipation)),
+            (
+                "viscosity",
+                format!(
+                    "of the fluid, and {} h U/8 between particles that approach each other faster than the flow around them explains",
+                    s.dissipation
+                ),
+            ),
             ("time step limited by", "speed".to_owned()),
             ("time stepping", "prediction, pressure, clean-up of the velocity, move, shift".to_owned()),
             ("walls", format!("rows of particles that carry the pressure on, {friction}")),
