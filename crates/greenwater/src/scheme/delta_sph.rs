@@ -27,7 +27,8 @@ pub struct DeltaSphSettings {
     pub pressure_law: PressureLaw,
     /// Speed of sound over the reference speed, dimensionless, >= 1: 10 keeps the density within 1 % (Monaghan 1994).
     pub sound_factor: f64,
-    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start if that is more.
+    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start or of a wall at any time
+    /// if that is more.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_speed: Option<f64>,
     /// What density diffusion leaves alone.
@@ -137,7 +138,7 @@ impl Settings for DeltaSphSettings {
         };
         let speed = match self.reference_speed {
             Some(speed) => format!("{} times {speed} m/s", self.sound_factor),
-            None => format!("{} times 2 sqrt(g H) or the greatest speed at the start", self.sound_factor),
+            None => format!("{} times 2 sqrt(g H) or the greatest speed at the start or of a wall", self.sound_factor),
         };
         let diffusion = match self.diffusion {
             Diffusion::Fourtakas => "Fourtakas et al. (2019)",
@@ -209,7 +210,7 @@ impl Settings for DeltaSphSettings {
     }
 
     fn elasticity<const D: usize>(&self, medium: &Medium<D>) -> Elasticity {
-        let sound = self.sound_speed(medium.g(), medium.depth, 0.0);
+        let sound = self.sound_speed(medium.g(), medium.depth, medium.speed);
         match self.pressure_law {
             _ if sound == 0.0 => Elasticity::Unknown,
             PressureLaw::Linear => Elasticity::Linear(sound),

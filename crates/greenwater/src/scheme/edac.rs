@@ -23,7 +23,8 @@ pub struct EdacSettings {
     pub preset: Preset,
     /// Speed of sound over the reference speed, dimensionless, >= 1: 10 keeps the density within 1 % (Monaghan 1994).
     pub sound_factor: f64,
-    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start if that is more.
+    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start or of a wall at any time
+    /// if that is more.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_speed: Option<f64>,
     /// Strength `α_e` of the diffusion of pressure, dimensionless, >= 0: `ν_e = α_e h c0/8`; 0.5 by Ramachandran & Puri (2019).

@@ -23,7 +23,8 @@ pub struct RiemannSettings {
     pub preset: Preset,
     /// Speed of sound over the reference speed, dimensionless, >= 1: 10 keeps the density within 1 % (Monaghan 1994).
     pub sound_factor: f64,
-    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start if that is more.
+    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start or of a wall at any time
+    /// if that is more.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_speed: Option<f64>,
     /// Strength `η` of the limiter, dimensionless, >= 0: 3 by Zhang, Hu & Adams (2017); the larger, the more two that approach

@@ -15,10 +15,10 @@ use crate::scheme::{Medium, StepError};
 use crate::sweep::update;
 
 /// The speed that compressibility is measured by, m/s: `2 √(gH)`, the greatest a dam break reaches before it hits something, or
-/// the greatest speed at the start if that is more.
+/// the greatest speed at the start, or of a wall at any time, if that is more.
 pub(in crate::scheme) fn reference_speed<const D: usize>(medium: &Medium<D>, p: &Particles<D>) -> f64 {
     let fastest = p.v[..p.owned()].iter().map(|v| v.norm()).fold(0.0, f64::max);
-    let speed = (2.0 * (medium.g() * medium.depth).sqrt()).max(fastest);
+    let speed = (2.0 * (medium.g() * medium.depth).sqrt()).max(fastest).max(medium.speed);
     // Nothing moves and nothing pushes: any speed will do, but not zero.
     if speed > 0.0 { speed } else { medium.spacing }
 }
@@ -211,5 +211,27 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Rise<'_, K, L> {
         let b = Seen::<L, D>::of(&octet.fields);
         let mass = L::choose(b.wall, L::splat(0.0), self.mass + b.mass);
         *total = (mass * self.reach.slope(octet)).times_plus(b.value - self.q, *total);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall that starts from rest stirs liquid at rest without gravity: sound answers to what it will do.
+    #[test]
+    fn a_wall_that_has_yet_to_move_counts() {
+        let medium = Medium::<2> {
+            rest_density: 1000.0,
+            viscosity: 1.0,
+            gravity: Vector::ZERO,
+            spacing: 0.05,
+            depth: 1.0,
+            floor: 0.0,
+            courant: 0.25,
+            speed: 1.5,
+        };
+        assert_eq!(reference_speed(&medium, &Particles::new()), 1.5);
+        assert_eq!(reference_speed(&Medium { gravity: Vector([0.0, -9.0]), ..medium }, &Particles::new()), 6.0);
     }
 }
