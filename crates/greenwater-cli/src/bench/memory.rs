@@ -33,7 +33,8 @@ pub fn most() -> usize {
 /// Measures the peak of a piece of work, from where it is made.
 pub struct Gauge {
     held: usize,
-    resident: Option<usize>,
+    /// Whether the system knows the peak of resident memory since then.
+    resident: bool,
 }
 
 impl Gauge {
@@ -41,19 +42,20 @@ impl Gauge {
     pub fn start() -> Self {
         forget_most();
         // Linux forgets the peak of resident memory when it is told to.
-        let forgotten = std::fs::write("/proc/self/clear_refs", "5").is_ok();
-        Self { held: held(), resident: resident("VmRSS:").filter(|_| forgotten) }
+        let resident = std::fs::write("/proc/self/clear_refs", "5").is_ok();
+        Self { held: held(), resident }
     }
 
     /// The most bytes since, above those held at the start: as asked for, or as touched where half of that never was.
     pub fn peak(&self) -> usize {
         let asked = most().saturating_sub(self.held);
-        let touched = self.resident.zip(resident("VmHWM:")).map(|(before, peak)| peak.saturating_sub(before));
+        // Memory that earlier work gave back may still be resident, and serve again: it counts.
+        let touched = Some("VmHWM:").filter(|_| self.resident).and_then(resident).map(|peak| peak.saturating_sub(self.held));
         touched.filter(|&touched| asked > 2 * touched.max(UNSURE)).unwrap_or(asked)
     }
 }
 
-/// Below so many bytes what is resident says little: memory that was given back may serve again. 32 MiB.
+/// Below so many bytes what is resident says little: the program itself is. 32 MiB.
 const UNSURE: usize = 32 << 20;
 
 /// A line of what Linux says about this process, bytes.
@@ -127,7 +129,7 @@ mod tests {
         assert!(held() < before + BLOCK / 2);
         assert!(most() >= before + BLOCK / 2);
         // The block was never touched.
-        if gauge.resident.is_some() {
+        if gauge.resident {
             assert!(gauge.peak() < BLOCK / 2, "{}", gauge.peak());
         }
     }
