@@ -268,18 +268,21 @@ impl<const D: usize> Flow<D> {
         self.medium.viscosity / (self.medium.rest_density * self.lattice.slope_of_linear::<D>())
     }
 
-    /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997), inside less what uneven neighbours make of a
-    /// linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
+    /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997) over `Σ f r²/D`, of the particle inside and off walls and of
+    /// the lattice elsewhere, inside less what uneven neighbours make of a linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
     /// particles, `2(D+2) ν` times [`Damping`] with `ν = dissipation · h U/8`.
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
-        let nu = self.diffusivity();
+        let at = &self.at[a];
+        let surrounded = at.place == Place::Inside && at.off_walls == Vector::ZERO;
+        // `Σ f r²` of this particle, where there is no lattice any more.
+        let nu = self.diffusivity() / if surrounded { at.spread } else { 1.0 };
         let numerical = 2.0 * (D as f64 + 2.0) * self.settings.dissipation * self.near.h(a) * speed / 8.0;
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
         let mut total = -numerical * self.damping[a];
         if nu == 0.0 {
             return total;
         }
-        let (mut linear, uneven) = (Vector::ZERO, transform(&self.at[a].correction, self.at[a].slope));
+        let (mut linear, uneven) = (Vector::ZERO, transform(&at.correction, at.slope));
         self.near.for_each_with(a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
                 let v_ab = p.v[a] - p.v[b];
@@ -291,7 +294,7 @@ impl<const D: usize> Flow<D> {
                 linear -= 0.5 * uneven.dot(known_along(x_ab, self.normals[b])) * drag;
             }
         });
-        let known = self.at[a].place == Place::Inside && (sticks || self.at[a].off_walls == Vector::ZERO);
+        let known = surrounded || (sticks && at.place == Place::Inside);
         if known { total - 2.0 * nu * linear } else { total }
     }
 
