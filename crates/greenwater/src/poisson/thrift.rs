@@ -2,7 +2,8 @@
 
 use super::solver::OLDEST;
 
-/// Work of building multigrid, in products with the matrix: 37 in 2D and 78 in 3D at 20 000 particles (`greenwater bench poisson`).
+/// Work of building multigrid, in products with the matrix: 37 to 89 were measured in 2D and 3D at 20 000 particles (`greenwater bench poisson`, share of the
+/// set-up). A solve carries a twentieth of it, so that little depends on it.
 const BUILD: f64 = 50.0;
 
 /// Most builds of multigrid between two trials of Jacobi: a trial that fails costs as much as a solve, one in 20 of a build's.
