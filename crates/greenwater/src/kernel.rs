@@ -307,6 +307,20 @@ pub enum KernelName {
     WendlandC6,
 }
 
+/// A kernel that some method takes by itself.
+pub(crate) trait Named: Default {
+    /// What a case calls it.
+    const NAME: KernelName;
+}
+
+impl Named for CubicSpline {
+    const NAME: KernelName = KernelName::CubicSpline;
+}
+
+impl Named for WendlandC2 {
+    const NAME: KernelName = KernelName::WendlandC2;
+}
+
 /// Calls `$body` with `$kernel` bound to the kernel that `$name` stands for: the choice is made once, outside every loop.
 macro_rules! with_kernel {
     ($name:expr, $kernel:ident => $body:expr) => {
@@ -391,7 +405,7 @@ impl KernelName {
 }
 
 /// Any kernel, told apart at every call, number by number. Pair loops with it are slower than with the kernel itself but have the same
-/// bits; they are what runs for kernels that no method takes by itself, so that not every loop is compiled for every kernel.
+/// bits; they are what runs for kernels that a method does not take by itself, so that not every loop is compiled for every kernel.
 impl<const D: usize> Kernel<D> for KernelName {
     #[inline(always)]
     fn radius(self) -> f64 {

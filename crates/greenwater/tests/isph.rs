@@ -206,9 +206,15 @@ fn steps_change_gently_through_an_impact() {
     assert_eq!(run.particles().count(Kind::Lost), 0);
 }
 
-/// A box full of fluid has no free surface: pressure is hydrostatic with mean zero, and nothing moves.
+/// A box full of fluid has no free surface, looked for or not: pressure is hydrostatic with mean zero, and nothing moves.
 #[test]
 fn a_full_box_has_a_pressure_of_mean_zero() {
+    for free_surface in [FreeSurface::None, FreeSurface::Tracked] {
+        full_box(free_surface);
+    }
+}
+
+fn full_box(free_surface: FreeSurface) {
     let medium = medium::<2>(9.81, 0.0);
     let mut p = tank([8, 12], |cell| cell[1] < 9);
     // A lid of three lines on the fluid.
@@ -219,7 +225,7 @@ fn a_full_box_has_a_pressure_of_mean_zero() {
             }
         }
     }
-    let full = IsphSettings { free_surface: FreeSurface::None, ..settings(1e-10) };
+    let full = IsphSettings { free_surface, ..settings(1e-10) };
     let mut run = simulation(p, full, &medium);
     run.start().unwrap();
     for _ in 0..10 {

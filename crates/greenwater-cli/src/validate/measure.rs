@@ -447,6 +447,45 @@ fn rise(values: impl Iterator<Item = f64>) -> f64 {
     most
 }
 
+/// Amplitude of the sine of which the span of the rows holds `periods`, fitted with a constant in the mean over time, and the mean square that
+/// it leaves.
+fn sine(rows: &[[f64; 2]], periods: f64) -> Result<(f64, f64), Problem> {
+    let (start, end) = (rows[0][0], rows[rows.len() - 1][0]);
+    let (mut matrix, mut right, mut square) = ([[0.0; 5]; 4], [0.0; 3], 0.0);
+    for (i, &[t, value]) in rows.iter().enumerate() {
+        let weight = 0.5 * (rows[(i + 1).min(rows.len() - 1)][0] - rows[i.saturating_sub(1)][0]) / (end - start);
+        let (sin, cos) = (2.0 * std::f64::consts::PI * periods * (t - start) / (end - start)).sin_cos();
+        let shapes = [1.0, sin, cos];
+        for j in 0..3 {
+            for k in 0..3 {
+                matrix[j][k] += weight * shapes[j] * shapes[k];
+            }
+            right[j] += weight * shapes[j] * value;
+            matrix[j][3] = right[j];
+        }
+        square += weight * value * value;
+    }
+    let fit = solve_small(&mut matrix, 3).ok_or_else(|| format!("too few rows for a sine of {periods} periods"))?;
+    Ok((fit[1].hypot(fit[2]), square - (0..3).map(|k| fit[k] * right[k]).sum::<f64>()))
+}
+
+/// How many periods of the sine that fits best the span of the rows holds: one to fifty, to a thousandth.
+fn best_periods(rows: &[[f64; 2]]) -> Result<f64, Problem> {
+    let mut best = (f64::INFINITY, 1.0);
+    // The misfit has valleys about one period wide.
+    for (middle, width, steps) in [(Some(25.5), 24.5, 490), (None, 0.1, 200)] {
+        let middle = middle.unwrap_or(best.1);
+        for step in 0..=steps {
+            let periods = middle + width * (2.0 * f64::from(step) / f64::from(steps) - 1.0);
+            let left = sine(rows, periods)?.1;
+            if left < best.0 {
+                best = (left, periods);
+            }
+        }
+    }
+    Ok(best.1)
+}
+
 /// One number of a series of `[time, value]`, not empty.
 fn pick(pick: Pick, rows: &[[f64; 2]], at: Option<f64>) -> Result<f64, Problem> {
     let (times, values): (Vec<f64>, Vec<f64>) = rows.iter().map(|row| (row[0], row[1])).unzip();
@@ -466,30 +505,15 @@ fn pick(pick: Pick, rows: &[[f64; 2]], at: Option<f64>) -> Result<f64, Problem> 
         Pick::Min => min(),
         Pick::Linf => max().max(-min()),
         Pick::Amplitude => 0.5 * (max() - min()),
-        Pick::Harmonic => {
-            let (start, span) = (times[0], times[times.len() - 1] - times[0]);
-            let periods = needed()?;
-            let part = |of: fn(f64) -> f64| {
-                let weighed = rows.iter().map(|[t, value]| (value - mean) * of(2.0 * std::f64::consts::PI * periods * (t - start) / span));
-                2.0 * time_mean(&times, &weighed.collect::<Vec<_>>()).unwrap_or(f64::NAN)
-            };
-            part(f64::sin).hypot(part(f64::cos))
-        }
+        Pick::Harmonic => match at {
+            Some(periods) => sine(rows, periods)?.0,
+            None => sine(rows, best_periods(rows)?)?.0,
+        },
         Pick::Noise => {
             let squares: Vec<f64> = values.iter().map(|v| (v - mean) * (v - mean)).collect();
             time_mean(&times, &squares).unwrap_or(f64::NAN).sqrt()
         }
-        Pick::Period => {
-            let rises: Vec<f64> = rows
-                .windows(2)
-                .filter(|pair| pair[0][1] < mean && pair[1][1] >= mean)
-                .map(|pair| pair[0][0] + (pair[1][0] - pair[0][0]) * (mean - pair[0][1]) / (pair[1][1] - pair[0][1]))
-                .collect();
-            match rises.as_slice() {
-                [first, .., last] => (last - first) / (rises.len() - 1) as f64,
-                _ => return Err("fewer than two rises through the mean".to_owned()),
-            }
-        }
+        Pick::Period => (times[times.len() - 1] - times[0]) / best_periods(rows)?,
         Pick::First => {
             let level = needed()?;
             crossing(rows, level).ok_or_else(|| format!("the value {level} is never reached"))?
@@ -616,9 +640,13 @@ mod tests {
             let value = pick(which, &sine(), at).unwrap();
             assert!((value - expected).abs() < 1e-3, "{which:?}: {value} instead of {expected}");
         }
-        // Noise or not.
+        // Noise or not, a whole number of periods or not.
         let noisy: Vec<[f64; 2]> = sine().into_iter().enumerate().map(|(i, [t, y])| [t, y + 0.1 * [1.0, -1.0][i % 2]]).collect();
         assert!((pick(Pick::Harmonic, &noisy, Some(5.0)).unwrap() - 0.3).abs() < 1e-3);
+        for rows in [&noisy[..], &noisy[..870]] {
+            assert!((pick(Pick::Harmonic, rows, None).unwrap() - 0.3).abs() < 1e-3);
+            assert!((pick(Pick::Period, rows, None).unwrap() - 1.0).abs() < 1e-3);
+        }
         assert!(pick(Pick::At, &sine(), Some(6.0)).is_err() && pick(Pick::At, &sine(), None).is_err());
     }
 

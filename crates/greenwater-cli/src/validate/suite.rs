@@ -314,11 +314,11 @@ pub enum Pick {
     Linf,
     /// Half of the difference between greatest and least.
     Amplitude,
-    /// Amplitude of the sine of which the span of the rows holds `at` periods.
+    /// Amplitude of the sine of which the span of the rows holds `at` periods; left out: of the one that fits best.
     Harmonic,
     /// Root of the mean square departure from the mean.
     Noise,
-    /// Mean time between rises through the mean.
+    /// Period of the sine that fits best, of one to fifty periods.
     Period,
     /// The time at which the value `at` is first reached.
     First,

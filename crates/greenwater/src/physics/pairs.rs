@@ -4,7 +4,9 @@
 use crate::kernel::Kernel;
 use crate::lanes::{InstructionSet, LANES, Lanes, Real, Record};
 use crate::math::{Vector, power};
-use crate::neighbors::{Neighbors, Octet};
+use crate::neighbors::{NOBODY, Neighbors, Octet};
+use crate::particles::Particles;
+use crate::sweep::sweep;
 
 /// What sums over pairs are made of.
 #[derive(Clone, Copy)]
@@ -24,6 +26,40 @@ impl<'a, K: Copy, const D: usize> Pairs<'a, K, D> {
     #[inline(always)]
     pub fn reach<L: Lanes>(&self, h: f64) -> Reach<'a, K, L> {
         Reach::of(self.kernel, h, self.lengths)
+    }
+}
+
+/// What pairs are looked at through.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sense {
+    /// One a particle, and nobody. Room for the search, too, which leaves anything in it.
+    pub records: Vec<Record>,
+    /// Smoothing lengths, m, where they differ.
+    lengths: Vec<f64>,
+}
+
+impl Sense {
+    /// Takes over positions, masses and smoothing lengths, and what else records show of each particle.
+    pub fn fill<const D: usize>(
+        &mut self,
+        p: &Particles<D>,
+        v: impl Fn(usize) -> Vector<D> + Sync,
+        value: impl Fn(usize) -> f64 + Sync,
+    ) {
+        self.records.resize(p.len() + 1, NOBODY);
+        sweep(&mut self.records[..p.len()], |a| record(p.x[a], v(a), value(a), p.mass[a], !p.is_fluid(a)));
+        self.records[p.len()] = NOBODY;
+        self.lengths.clear();
+        if p.h_min() < p.h_max() {
+            self.lengths.extend_from_slice(&p.h);
+            self.lengths.push(p.h_max());
+        }
+    }
+
+    /// For sums with `kernel` over the neighbours `near`, by the best instructions of this machine.
+    pub fn pairs<'a, K, const D: usize>(&'a self, kernel: K, near: &'a Neighbors<D>) -> Pairs<'a, K, D> {
+        let lengths = (!self.lengths.is_empty()).then_some(self.lengths.as_slice());
+        Pairs { set: InstructionSet::of_this_machine(), kernel, near, records: &self.records, lengths }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Viscosity: the artificial one of the explicit method, the stress tensor, and the Laplacian of the velocity.
 
+use crate::lanes::Real;
 use crate::math::Vector;
 
 /// A tensor of rank two; row `i` is `t[i]`.
@@ -13,19 +14,17 @@ pub fn contract<const D: usize>(t: &Tensor<D>, n: Vector<D>) -> Vector<D> {
 
 /// Values the artificial viscosity of a pair depends on.
 #[derive(Clone, Copy, Debug)]
-pub struct Approach<const D: usize> {
-    /// `v_a − v_b`, m/s.
-    pub v_ab: Vector<D>,
-    /// `x_a − x_b`, m.
-    pub x_ab: Vector<D>,
-    /// Distance, m.
-    pub r: f64,
+pub struct Approach<L> {
+    /// `v_ab·x_ab`, m²/s.
+    pub along: L,
+    /// Square of the distance, m².
+    pub square: L,
     /// Mean smoothing length, m.
-    pub h: f64,
+    pub h: L,
     /// Mean speed of sound, m/s.
-    pub sound: f64,
+    pub sound: L,
     /// Mean density, kg/m³.
-    pub density: f64,
+    pub density: L,
 }
 
 /// The artificial viscosity `Π_ab` (13)-(15), m⁵/(kg s²) in 3D: `(β φ² − α c φ)/ρ̄` where the two approach, else 0, with
@@ -34,13 +33,9 @@ pub struct Approach<const D: usize> {
 /// The print lacks a square in `φ` and sums the fraction by coordinates; this is the form of Monaghan (1992).
 /// `alpha`, `beta` and `eta` are dimensionless. Symmetric in the pair.
 #[inline(always)]
-pub fn artificial<const D: usize>(pair: Approach<D>, alpha: f64, beta: f64, eta: f64) -> f64 {
-    let along = pair.v_ab.dot(pair.x_ab);
-    if along >= 0.0 {
-        return 0.0;
-    }
-    let phi = pair.h * along / (pair.r * pair.r + eta * eta * pair.h * pair.h);
-    (beta * phi * phi - alpha * pair.sound * phi) / pair.density
+pub fn artificial<L: Real>(pair: Approach<L>, alpha: f64, beta: f64, eta: f64) -> L {
+    let phi = pair.h * pair.along.at_most(L::splat(0.0)) / (pair.square + pair.h * pair.h * (eta * eta));
+    (phi * phi * beta - pair.sound * phi * alpha) / pair.density
 }
 
 /// Viscous stress over `μ` from the velocity gradient `g[i][j] = ∂v_i/∂x_j`, 1/s, equation (3):
@@ -83,7 +78,7 @@ mod tests {
 
     #[test]
     fn artificial_viscosity_acts_on_approach_only() {
-        let pair = |v: f64| Approach { v_ab: Vector([v, 0.0]), x_ab: Vector([0.1, 0.0]), r: 0.1, h: 0.12, sound: 50.0, density: 1000.0 };
+        let pair = |v: f64| Approach { along: 0.1 * v, square: 0.1 * 0.1, h: 0.12, sound: 50.0, density: 1000.0 };
         assert_eq!(artificial(pair(1.0), 1.0, 1.0, 0.1), 0.0);
         let phi = 0.12 * -0.1 / (0.01 + 0.01 * 0.12 * 0.12);
         let expected = (phi * phi - 50.0 * phi) / 1000.0;

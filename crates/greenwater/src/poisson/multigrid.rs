@@ -36,8 +36,10 @@ const SMOOTH_FROM: f32 = 0.25;
 const FINEST: f32 = 1.8;
 
 /// Shift of the diagonal of the coarsest level: pressure of a closed part of the fluid is known up to a constant, and the inverse
-/// must exist. Single precision does not resolve less.
+/// must exist. Single precision does not resolve less. An unknown there gathers the rounding of thousands: where that is more, shifts up to the
+/// last one are tried.
 const COARSE_SHIFT: f64 = 1e-5;
+const LAST_COARSE_SHIFT: f64 = 1e-3;
 
 /// Chebyshev polynomial of degree 2 for eigenvalues from [`SMOOTH_FROM`] to 1: `d₁ = START D⁻¹r`, `d₂ = KEEP d₁ + ADD D⁻¹r'`.
 const MIDDLE: f32 = 0.5 * (1.0 + SMOOTH_FROM);
@@ -184,12 +186,20 @@ impl Multigrid {
         if n > COARSEST || level == 0 {
             return Ok(());
         }
-        let (a, mut dense) = (&self.below[level - 1], vec![0.0; n * n]);
-        for i in 0..n {
-            dense[i * n + i] = (1.0 + COARSE_SHIFT) * a.diagonal(i);
-            a.row(i).for_each(|(j, weight)| dense[i * n + j as usize] -= f64::from(weight));
+        let (a, mut dense, mut shift) = (&self.below[level - 1], vec![0.0; n * n], COARSE_SHIFT);
+        loop {
+            dense.fill(0.0);
+            for i in 0..n {
+                dense[i * n + i] = (1.0 + shift) * a.diagonal(i);
+                a.row(i).for_each(|(j, weight)| dense[i * n + j as usize] -= f64::from(weight));
+            }
+            // Without rounding no pivot of a matrix that is not negative is less than its shift.
+            match invert(n, &mut dense, |i| 0.5 * shift * a.diagonal(i)) {
+                Ok(()) => break,
+                Err(_) if shift < LAST_COARSE_SHIFT => shift *= 10.0,
+                Err((row, pivot)) => return Err(SolveError::Singular { stage: "multigrid", row, pivot }),
+            }
         }
-        invert(n, &mut dense).map_err(|(row, pivot)| SolveError::Singular { stage: "multigrid", row, pivot })?;
         // Rounding must not cost the inverse its symmetry.
         self.inverse.extend((0..n * n).map(|k| (0.5 * (dense[k] + dense[k % n * n + k / n])) as f32));
         Ok(())
@@ -322,12 +332,12 @@ fn multiply(a: &[f32], x: &[f32], y: &mut Vec<f32>) {
 }
 
 /// Replaces a positive definite `n × n` matrix by its inverse, by elimination without exchanges; fails with row and value of a pivot that is
-/// not positive.
-fn invert(n: usize, a: &mut [f64]) -> Result<(), (usize, f64)> {
+/// not above `least` of its row.
+fn invert(n: usize, a: &mut [f64], least: impl Fn(usize) -> f64) -> Result<(), (usize, f64)> {
     let mut pivot_row = vec![0.0; n];
     for k in 0..n {
         let pivot = a[k * n + k];
-        if pivot.is_nan() || pivot <= 0.0 {
+        if pivot.is_nan() || pivot <= least(k) {
             return Err((k, pivot));
         }
         a[k * n + k] = 1.0;

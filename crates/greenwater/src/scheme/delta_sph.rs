@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::acoustic::{Acoustic, AnyFlux, Between, Flux, Plan, Side, StartPressure, Stepping, TensileControl};
 use super::settings::{BrokenRule, Settings, Still};
 use super::{Medium, Preset, Scheme};
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{Kernel, KernelName, WendlandC2};
 use crate::lanes::Real;
 use crate::neighbors::Search;
 use crate::physics::consistency::DensityReset;
@@ -99,7 +99,8 @@ impl DeltaSphSettings {
 impl Settings for DeltaSphSettings {
     /// `h` of two spacings: a square lattice stays where it is under its own pressure, which at 1.5 it does not
     /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`).
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 2.0);
+    type Own = WendlandC2;
+    const SMOOTHING: f64 = 2.0;
     const STEP_COST: f64 = 3e-9;
 
     fn preset(preset: Preset) -> Self {

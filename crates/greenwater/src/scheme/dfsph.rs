@@ -8,7 +8,7 @@ use super::isph::WallFriction;
 use super::settings::{BrokenRule, Settings};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{Kernel, KernelName, WendlandC2};
 use crate::neighbors::Search;
 use crate::particles::Particles;
 use crate::poisson::{SolveError, SolveReport};
@@ -125,7 +125,8 @@ impl DfsphSettings {
 }
 
 impl Settings for DfsphSettings {
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.3);
+    type Own = WendlandC2;
+    const SMOOTHING: f64 = 1.3;
     const STEP_COST: f64 = 8e-7;
 
     fn preset(preset: Preset) -> Self {

@@ -8,7 +8,7 @@ use super::dfsph::DfsphSettings;
 use super::settings::{BrokenRule, Settings};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{Kernel, KernelName, WendlandC2};
 use crate::particles::Particles;
 use crate::poisson::SolveError;
 use crate::time::{Phases, StepLimit};
@@ -19,7 +19,8 @@ use crate::time::{Phases, StepLimit};
 pub struct IisphSettings(pub DfsphSettings);
 
 impl Settings for IisphSettings {
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.3);
+    type Own = WendlandC2;
+    const SMOOTHING: f64 = 1.3;
     const STEP_COST: f64 = 5e-7;
 
     fn preset(preset: Preset) -> Self {

@@ -17,14 +17,14 @@ use super::before::Before;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::lanes::{InstructionSet, Lanes, Record, sweep_lanes};
+use crate::lanes::{Lanes, sweep_lanes};
 use crate::math::{Matrix, Vector, transform};
-use crate::neighbors::{NOBODY, Neighbors, PairColumn, RowsOfPairs};
+use crate::neighbors::{Neighbors, PairColumn, RowsOfPairs};
 use crate::particles::{Kind, Particles};
 use crate::physics::arrangement::{Arrangement, Place, across, known_along};
 use crate::physics::damping::Damping;
 use crate::physics::lattice::Lattice;
-use crate::physics::pairs::{Pairs, record};
+use crate::physics::pairs::{Pairs, Sense};
 use crate::poisson::{Arms, CsrMatrix, LinearSolver, Sliced, SolveError, SolveReport};
 use crate::reduce::norm;
 use crate::sweep::{largest, sweep, sweep2, update, update2};
@@ -61,6 +61,7 @@ struct Flow<const D: usize> {
     near: Neighbors<D>,
     /// `f` of each pair, 1/m²: as precise as the matrix that is made of it.
     f: PairColumn<f32>,
+    /// Velocities of fluid and normals of walls.
     sense: Sense,
     /// How the flow stretches, 1/s, and what is to be damped of it, 1/(m s); see [`Damping`].
     stretch: Vec<Matrix<D>>,
@@ -173,63 +174,44 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         flow.look_at_walls(p, domain, first.as_deref());
         flow.at.resize(owned, Arrangement::alone());
         flow.places.resize(p.len(), Place::Inside);
-        let lengths = flow.sense.fill(p, &flow.normals);
+        let normals = &flow.normals;
+        flow.sense.fill(p, |a| if p.is_fluid(a) { p.v[a] } else { normals[a] }, |_| 0.0);
         let (near, lattice) = (&flow.near, &flow.lattice);
-        let set = InstructionSet::of_this_machine();
-        let pairs = Pairs { set, kernel, near, records: &flow.sense.records, lengths: lengths.then_some(flow.sense.lengths.as_slice()) };
+        let pairs = flow.sense.pairs(kernel, near);
+        let set = pairs.set;
         let mut stretch = std::mem::take(&mut flow.stretch);
         stretch.resize(p.len() + 1, [Vector::ZERO; D]);
         near.fill_rows(set, &mut flow.f, (&mut flow.at, &mut stretch[..owned]), &Looking { pairs, lattice, p });
         domain.refresh_column(&mut stretch[..p.len()]);
         flow.damping.resize(owned, Vector::ZERO);
-        if flow.settings.dissipation > 0.0 {
+        if flow.lacking(p.h_max(), flow.speed(p)) > 0.0 {
             sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: &stretch, half_over_rest: 0.5 / rest });
         }
         flow.stretch = stretch;
+        flow.parts.find(p, domain, &flow.near);
         let f = &flow.f;
         if flow.settings.free_surface == FreeSurface::None {
             flow.at.iter_mut().for_each(|at| at.place = Place::Inside);
         } else {
-            let (at, places) = (&mut flow.at, &mut flow.places);
+            let (at, places, parts) = (&mut flow.at, &mut flow.places, &mut flow.parts);
+            sweep(&mut places[..owned], |a| at[a].place);
+            parts.find_full(|a| places[a] == Place::Surface, |a| p.surface[a] != 0);
+            update(at, |a, at| {
+                if parts.is_full(a) {
+                    at.place = Place::Inside;
+                }
+            });
             sweep(&mut places[..owned], |a| at[a].place);
             domain.refresh_column(places);
             update(at, |a, at| {
-                if p.is_fluid(a) {
+                if p.is_fluid(a) && !parts.is_full(a) {
                     at.look_for_surface(lattice, near, f, places, a);
                 }
             });
         }
-        flow.parts.find(p, domain, &flow.near);
         let at = &flow.at;
         sweep2(&mut p.density[..owned], &mut p.surface[..owned], |a| (rest * at[a].filling, u8::from(at[a].place == Place::Surface)));
         Ok(())
-    }
-}
-
-/// What pairs are looked at through.
-#[derive(Debug, Default)]
-struct Sense {
-    /// One a particle, with velocities of fluid and normals of walls, and nobody.
-    records: Vec<Record>,
-    /// Smoothing lengths, m, where they differ.
-    lengths: Vec<f64>,
-}
-
-impl Sense {
-    /// Takes over positions, masses, velocities and normals; whether smoothing lengths differ.
-    fn fill<const D: usize>(&mut self, p: &Particles<D>, normals: &[Vector<D>]) -> bool {
-        self.records.resize(p.len() + 1, NOBODY);
-        sweep(&mut self.records[..p.len()], |a| {
-            if p.is_fluid(a) { record(p.x[a], p.v[a], 0.0, p.mass[a], false) } else { record(p.x[a], normals[a], 0.0, p.mass[a], true) }
-        });
-        self.records[p.len()] = NOBODY;
-        let differ = p.h_min() < p.h_max();
-        self.lengths.clear();
-        if differ {
-            self.lengths.extend_from_slice(&p.h);
-            self.lengths.push(p.h_max());
-        }
-        differ
     }
 }
 
@@ -268,15 +250,21 @@ impl<const D: usize> Flow<D> {
         self.medium.viscosity / (self.medium.rest_density * self.lattice.slope_of_linear::<D>())
     }
 
+    /// What the fluid's own viscosity leaves to be damped at the smoothing length `h` (m), m²/s: `dissipation · h U/8` with the speed `U`
+    /// (m/s), less `ν`.
+    fn lacking(&self, h: f64, speed: f64) -> f64 {
+        (self.settings.dissipation * h * speed / 8.0 - self.medium.viscosity / self.medium.rest_density).max(0.0)
+    }
+
     /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997) over `Σ f r²/D`, of the particle inside and off walls and of
     /// the lattice elsewhere, inside less what uneven neighbours make of a linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
-    /// particles, `2(D+2) ν` times [`Damping`] with `ν = dissipation · h U/8`.
+    /// particles, `2(D+2) ν` times [`Damping`] with `ν` what the fluid [lacks](Self::lacking).
     fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
         let at = &self.at[a];
         let surrounded = at.place == Place::Inside && at.off_walls == Vector::ZERO;
         // `Σ f r²` of this particle, where there is no lattice any more.
         let nu = self.diffusivity() / if surrounded { at.spread } else { 1.0 };
-        let numerical = 2.0 * (D as f64 + 2.0) * self.settings.dissipation * self.near.h(a) * speed / 8.0;
+        let numerical = 2.0 * (D as f64 + 2.0) * self.lacking(self.near.h(a), speed);
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
         let mut total = -numerical * self.damping[a];
         if nu == 0.0 {
@@ -632,6 +620,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
     fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         self.flow.dt_before = None;
         self.flow.lattice = Lattice::of(self.kernel, p.h_max(), self.flow.medium.spacing, self.flow.medium.rest_density);
+        // Until it was looked at, fluid may have a surface anywhere.
+        p.surface.fill(1);
         // Entering the pool once is cheaper than at every sweep.
         rayon::scope(|_| {
             self.look_around(p, domain)?;

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::settings::{BrokenRule, Settings, changed, paper_departures};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{CubicSpline, Kernel, KernelName};
 use crate::math::Vector;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
@@ -103,7 +103,8 @@ impl IsphPaperSettings {
 }
 
 impl Settings for IsphPaperSettings {
-    const KERNEL: (KernelName, f64) = (KernelName::CubicSpline, 1.2);
+    type Own = CubicSpline;
+    const SMOOTHING: f64 = 1.2;
     const STEP_COST: f64 = 1.6e-7;
 
     fn preset(preset: Preset) -> Self {
@@ -303,7 +304,7 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
 
     /// [`predicted_acceleration`](Self::predicted_acceleration) with `artificial(approach)` as the artificial viscosity of fluid, and
     /// the drag on the walls.
-    fn sum_viscosity(&self, p: &mut Particles<D>, artificial: impl Fn(viscosity::Approach<D>) -> f64 + Sync) {
+    fn sum_viscosity(&self, p: &mut Particles<D>, artificial: impl Fn(viscosity::Approach<f64>) -> f64 + Sync) {
         let (near, kernel, medium, eta) = (&self.near, self.kernel, self.medium, self.settings.eta);
         let sound = 10.0 * (2.0 * medium.g() * medium.depth).sqrt();
         let still = medium.viscosity == 0.0 && self.settings.alpha == 0.0;
@@ -325,7 +326,7 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
                     total += laminar(a, b, slope, pair.r, pair.h) * v_ab;
                     if p.is_fluid(b) {
                         let density = 0.5 * (p.density[a] + p.density[b]);
-                        let approach = viscosity::Approach { v_ab, x_ab: pair.x_ab, r: pair.r, h: pair.h, sound, density };
+                        let approach = viscosity::Approach { along: v_ab.dot(pair.x_ab), square: pair.r * pair.r, h: pair.h, sound, density };
                         total -= p.mass[b] * artificial(approach) * (slope * pair.x_ab);
                     }
                 }),

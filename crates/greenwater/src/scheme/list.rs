@@ -8,7 +8,7 @@ use super::{
     DeltaSphSettings, DfsphSettings, EdacSettings, IisphSettings, IsphPaperSettings, IsphSettings, IsphShiftSettings, Medium,
     MlsphSettings, MpsModernSettings, MpsSettings, Preset, RiemannSettings, RkpmSettings, Scheme, WcsphSettings,
 };
-use crate::kernel::{CubicSpline, KernelName, WendlandC2};
+use crate::kernel::{KernelName, Named};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::SolveError;
 
@@ -42,7 +42,7 @@ macro_rules! methods {
 
             /// Kernel and smoothing length over spacing where a case names none.
             pub fn kernel(self) -> (KernelName, f64) {
-                match self { $(Self::$variant => <$settings as Settings>::KERNEL),* }
+                match self { $(Self::$variant => (<$settings as Settings>::Own::NAME, <$settings as Settings>::SMOOTHING)),* }
             }
 
             /// Whether the method works with the kernel of the case; `false` if its weights are its own.
@@ -182,16 +182,11 @@ impl MethodSettings {
         with_settings!(self, s => s.memory(count, neighbours))
     }
 
-    /// The method, ready to start. The kernels that methods take by themselves are compiled into their loops; the others are told
-    /// apart at every pair.
+    /// The method, ready to start.
     ///
     /// # Errors
     /// Settings of the pressure solver that contradict each other.
     pub fn scheme<const D: usize>(&self, kernel: KernelName, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
-        with_settings!(self, s => match kernel {
-            KernelName::CubicSpline => s.scheme(CubicSpline, medium),
-            KernelName::WendlandC2 => s.scheme(WendlandC2, medium),
-            other => s.scheme(other, medium),
-        })
+        with_settings!(self, s => s.scheme_with(kernel, medium))
     }
 }

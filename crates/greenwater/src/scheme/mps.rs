@@ -118,7 +118,8 @@ fn bytes(count: f64, neighbours: f64) -> f64 {
 
 impl Settings for MpsSettings {
     /// Not used by the method: its support, four spacings, is the reach of the weights.
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 2.0);
+    type Own = WendlandC2;
+    const SMOOTHING: f64 = 2.0;
     const TAKES_KERNEL: bool = false;
     const STEP_COST: f64 = 1.6e-7;
 
@@ -171,7 +172,8 @@ impl Settings for MpsSettings {
 pub struct MpsModernSettings(pub MpsSettings);
 
 impl Settings for MpsModernSettings {
-    const KERNEL: (KernelName, f64) = MpsSettings::KERNEL;
+    type Own = <MpsSettings as Settings>::Own;
+    const SMOOTHING: f64 = MpsSettings::SMOOTHING;
     const TAKES_KERNEL: bool = false;
     const STEP_COST: f64 = MpsSettings::STEP_COST;
 

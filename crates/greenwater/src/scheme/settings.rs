@@ -5,7 +5,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::{Medium, Preset, Scheme};
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{Kernel, KernelName, Named};
 use crate::physics::pressure::Elasticity;
 use crate::poisson::{SolveError, SolverSettings};
 
@@ -77,8 +77,10 @@ pub struct Still {
 
 /// The settings of one method, in its file.
 pub(super) trait Settings: Serialize + DeserializeOwned + JsonSchema {
-    /// Kernel and smoothing length over spacing where a case names none.
-    const KERNEL: (KernelName, f64);
+    /// The kernel where a case names none, compiled into the loops of the method.
+    type Own: Named;
+    /// Smoothing length over spacing where a case names none.
+    const SMOOTHING: f64;
     /// Whether the method works with the kernel of the case. One that does not has weights of its own.
     const TAKES_KERNEL: bool = true;
     /// Wall-clock time of a step for one particle and one of its neighbours, s, on one core: rounded from dam breaks of some
@@ -124,6 +126,14 @@ pub(super) trait Settings: Serialize + DeserializeOwned + JsonSchema {
     /// Memory beyond columns and pair list, bytes.
     fn memory(&self, _count: f64, _neighbours: f64) -> f64 {
         0.0
+    }
+
+    /// The method for a fluid, with the kernel of this name: one that is not its own is told apart at every pair.
+    fn scheme_with<const D: usize>(&self, kernel: KernelName, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError>
+    where
+        Self::Own: Kernel<D>,
+    {
+        if kernel == Self::Own::NAME { self.scheme(Self::Own::default(), medium) } else { self.scheme(kernel, medium) }
     }
 
     /// The method for a fluid, with a kernel.

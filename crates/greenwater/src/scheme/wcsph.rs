@@ -1,21 +1,25 @@
 //! Weakly compressible SPH as the paper states it: explicit, with an equation of state and forces from walls.
 
+mod sums;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::sums::{Forces, Stress};
 use super::settings::{BrokenRule, Settings, Still, changed, paper_departures};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{CubicSpline, Kernel, KernelName};
+use crate::lanes::{sweep_lanes, sweep_lanes2};
 use crate::math::Vector;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::consistency::{DensityReset, new_density};
-use crate::physics::continuity;
-use crate::physics::pressure::{Elasticity, GAMMA, speed_of_sound, symmetric, tait};
-use crate::physics::viscosity::{Approach, Tensor, artificial, contract, stress};
+use crate::physics::pairs::{Pairs, Sense};
+use crate::physics::pressure::{Elasticity, GAMMA, speed_of_sound, tait};
+use crate::physics::viscosity::Tensor;
 use crate::poisson::SolveError;
-use crate::sweep::{largest, sweep, sweep2};
+use crate::sweep::{largest, sweep, sweep2, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::{LennardJones, NormalForce, WallForces, wall_normals};
 
@@ -131,7 +135,8 @@ impl WcsphSettings {
 }
 
 impl Settings for WcsphSettings {
-    const KERNEL: (KernelName, f64) = (KernelName::CubicSpline, 1.2);
+    type Own = CubicSpline;
+    const SMOOTHING: f64 = 1.2;
     const STEP_COST: f64 = 4e-8;
 
     fn preset(preset: Preset) -> Self {
@@ -269,11 +274,14 @@ pub struct Wcsph<K, const D: usize> {
     medium: Medium<D>,
     settings: WcsphSettings,
     near: Neighbors<D>,
+    sense: Sense,
     walls: WallForces<D>,
     /// `B` of each particle, Pa.
     stiffness: Vec<f64>,
     /// Speed of sound of each particle, m/s.
     sound: Vec<f64>,
+    /// `p/ρ²` of each particle, m⁵/(kg s²) in 3D.
+    pressed: Vec<f64>,
     /// `μ T/ρ²` of each particle, the viscous part of (21).
     stress: Vec<Tensor<D>>,
     /// Velocity at the half step before, m/s.
@@ -310,9 +318,11 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
             medium: Medium { depth, floor, ..medium },
             settings,
             near: Neighbors::new(),
+            sense: Sense::default(),
             walls,
             stiffness: Vec::new(),
             sound: Vec::new(),
+            pressed: Vec::new(),
             stress: Vec::new(),
             v_half: Vec::new(),
             density_half: Vec::new(),
@@ -345,13 +355,20 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
     fn evaluate(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
         phases.measure("search", || {
             domain.refresh(p, self.kernel.radius() * p.h_max());
-            self.near.build(p, self.kernel.radius(), self.settings.search)
+            // Records are made anew after the search.
+            self.near.list(p, self.kernel.radius(), self.settings.search, &mut self.sense.records)?;
+            self.near.follow(p);
+            self.sense.fill(p, |a| p.v[a], |a| p.density[a]);
+            Ok::<_, StepError>(())
         })?;
         phases.measure("pressure", || self.equation_of_state(p, domain));
         phases.measure("stress", || self.viscous_stress(p, domain));
-        phases.measure("forces", || match &self.walls {
-            WallForces::LennardJones(wall) => self.forces(p, |_, _, _, x_ab, r, _| wall.on(x_ab, r)),
-            WallForces::Normal(wall) => self.forces(p, |p, fluid, b, x_ab, _, h| wall.on(p, fluid, b, x_ab, h)),
+        phases.measure("forces", || {
+            self.forces(p);
+            match &self.walls {
+                WallForces::LennardJones(wall) => self.wall_forces(p, |_, _, _, x_ab, r, _| wall.on(x_ab, r)),
+                WallForces::Normal(wall) => self.wall_forces(p, |p, fluid, b, x_ab, _, h| wall.on(p, fluid, b, x_ab, h)),
+            }
         });
         Ok(())
     }
@@ -364,7 +381,8 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
             }
         }
         let (rest, stiffness) = (self.medium.rest_density, &self.stiffness);
-        self.sound.resize(p.len(), 0.0);
+        self.sound.resize(p.len() + 1, 0.0);
+        self.pressed.resize(p.len() + 1, 0.0);
         let owned = p.owned();
         let (kind, density) = (&p.kind, &p.density);
         sweep2(&mut p.pressure[..owned], &mut self.sound[..owned], |a| match kind[a] {
@@ -372,33 +390,25 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
             Kind::Wall | Kind::Lost => (0.0, 0.0),
         });
         domain.refresh_column(&mut p.pressure);
-        domain.refresh_column(&mut self.sound);
+        domain.refresh_column(&mut self.sound[..p.len()]);
+        sweep(&mut self.pressed[..p.len()], |a| if p.is_fluid(a) { p.pressure[a] / (p.density[a] * p.density[a]) } else { 0.0 });
     }
 
-    /// (23), (24): `μ T_a/ρ_a²` with the velocity gradient `Σ_b (m_b/ρ_b) (v_b − v_a) ⊗ ∇_a W_ab` over fluid.
+    fn pairs(&self) -> Pairs<'_, K, D> {
+        self.sense.pairs(self.kernel, &self.near)
+    }
+
+    /// (23), (24): the viscous stress of the fluid, ghosts included.
     fn viscous_stress(&mut self, p: &Particles<D>, domain: &Domain<D>) {
-        self.stress.resize(p.len(), [Vector::ZERO; D]);
-        let (mu, near, kernel) = (self.medium.viscosity, &self.near, self.kernel);
-        if mu == 0.0 {
+        if self.medium.viscosity == 0.0 {
             return;
         }
-        sweep(&mut self.stress[..p.owned()], |a| {
-            let mut gradient = [Vector::ZERO; D];
-            if p.is_fluid(a) {
-                near.for_each(a, |pair| {
-                    if p.is_fluid(pair.b) {
-                        let grad_w = kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
-                        let jump = p.volume(pair.b) * (p.v[pair.b] - p.v[a]);
-                        for (row, change) in gradient.iter_mut().zip(jump.0) {
-                            *row += change * grad_w;
-                        }
-                    }
-                });
-            }
-            let factor = mu / (p.density[a] * p.density[a]);
-            stress(&gradient).map(|row| factor * row)
-        });
-        domain.refresh_column(&mut self.stress);
+        let mut stress = std::mem::take(&mut self.stress);
+        stress.resize(p.len() + 1, [Vector::ZERO; D]);
+        let pairs = self.pairs();
+        sweep_lanes(pairs.set, &mut stress[..p.owned()], &Stress { pairs, viscosity: self.medium.viscosity });
+        domain.refresh_column(&mut stress[..p.len()]);
+        self.stress = stress;
     }
 
     /// New densities, where the settings want them after this step, at the whole step and at the half step before; then what
@@ -420,49 +430,31 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         self.evaluate(p, domain, phases)
     }
 
-    /// (21) and (22): acceleration and rate of density of the fluid, and the force on the walls. Walls act by their force alone:
-    /// `wall(p, fluid, wall, x_ab, r, h)`, m/s², on the fluid particle.
-    fn forces(&self, p: &mut Particles<D>, wall: impl Fn(&Particles<D>, usize, usize, Vector<D>, f64, f64) -> Vector<D> + Sync) {
-        let (near, kernel, settings) = (&self.near, self.kernel, &self.settings);
-        let (sound, stress, gravity) = (&self.sound, &self.stress, self.medium.gravity);
-        let owned = p.owned();
+    /// (21) and (22) of the fluid among itself.
+    fn forces(&self, p: &mut Particles<D>) {
+        let WcsphSettings { alpha, beta, eta, .. } = self.settings;
+        let (owned, pairs) = (p.owned(), self.pairs());
+        let stress = (self.medium.viscosity > 0.0).then_some(self.stress.as_slice());
+        let forces =
+            Forces { pairs, gravity: self.medium.gravity, artificial: [alpha, beta, eta], pressed: &self.pressed, sound: &self.sound, stress };
+        sweep_lanes2(pairs.set, &mut p.acceleration[..owned], &mut p.density_rate[..owned], &forces);
+    }
+
+    /// What walls add to accelerations, and the forces on them. Walls act by their force alone: `wall(p, fluid, wall, x_ab, r, h)`, m/s², on the
+    /// fluid particle.
+    fn wall_forces(&self, p: &mut Particles<D>, wall: impl Fn(&Particles<D>, usize, usize, Vector<D>, f64, f64) -> Vector<D> + Sync) {
+        let (near, owned) = (&self.near, p.owned());
         let mut acceleration = std::mem::take(&mut p.acceleration);
-        let mut density_rate = std::mem::take(&mut p.density_rate);
-        sweep2(&mut acceleration[..owned], &mut density_rate[..owned], |a| {
-            if !p.is_fluid(a) {
-                return (Vector::ZERO, 0.0);
+        update(&mut acceleration[..owned], |a, total| {
+            if p.is_fluid(a) && near.of(a).iter().any(|&b| !p.is_fluid(b as usize)) {
+                near.for_each(a, |pair| {
+                    if !p.is_fluid(pair.b) {
+                        *total += wall(p, a, pair.b, pair.x_ab, pair.r, pair.h);
+                    }
+                });
             }
-            let (mut force, mut rate) = (gravity, 0.0);
-            near.for_each(a, |pair| {
-                let b = pair.b;
-                if !p.is_fluid(b) {
-                    force += wall(p, a, b, pair.x_ab, pair.r, pair.h);
-                    return;
-                }
-                let grad_w = kernel.dw_over_r(pair.r, pair.h) * pair.x_ab;
-                let v_ab = p.v[a] - p.v[b];
-                let dissipation = artificial(
-                    Approach {
-                        v_ab,
-                        x_ab: pair.x_ab,
-                        r: pair.r,
-                        h: pair.h,
-                        sound: 0.5 * (sound[a] + sound[b]),
-                        density: 0.5 * (p.density[a] + p.density[b]),
-                    },
-                    settings.alpha,
-                    settings.beta,
-                    settings.eta,
-                );
-                let pressure = symmetric(p.pressure[a], p.density[a], p.pressure[b], p.density[b]);
-                force -= p.mass[b] * (pressure + dissipation) * grad_w;
-                force += p.mass[b] * (contract(&stress[a], grad_w) + contract(&stress[b], grad_w));
-                rate += continuity(p.mass[b], v_ab, grad_w);
-            });
-            (force, rate)
         });
         p.acceleration = acceleration;
-        p.density_rate = density_rate;
 
         let mut on_walls = std::mem::take(&mut p.force);
         sweep(&mut on_walls[..owned], |b| {
@@ -517,17 +509,26 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
                     0.5 * dt
                 }
             };
-            for a in (0..owned).filter(|&a| p.kind[a] == Kind::Fluid) {
-                self.v_half[a] += kick * p.acceleration[a];
-                self.density_half[a] += kick * p.density_rate[a];
-
-                // (28) drift: x^{n+1} = x^n + Δt v^{n+1/2}
-                p.x[a] += dt * self.v_half[a];
-
-                // (27) predict the whole step from the half step, with the rates of the old positions
-                p.v[a] = self.v_half[a] + 0.5 * dt * p.acceleration[a];
-                p.density[a] = self.density_half[a] + 0.5 * dt * p.density_rate[a];
-            }
+            let (kind, acceleration, rate) = (&p.kind, &p.acceleration, &p.density_rate);
+            update2(&mut self.v_half[..owned], &mut self.density_half[..owned], |a, v, density| {
+                if kind[a] == Kind::Fluid {
+                    (*v, *density) = (*v + kick * acceleration[a], *density + kick * rate[a]);
+                }
+            });
+            let (v_half, density_half) = (&self.v_half, &self.density_half);
+            // (28) drift: x^{n+1} = x^n + Δt v^{n+1/2}
+            update(&mut p.x[..owned], |a, x| {
+                if kind[a] == Kind::Fluid {
+                    *x += dt * v_half[a];
+                }
+            });
+            // (27) predict the whole step from the half step, with the rates of the old positions
+            update2(&mut p.v[..owned], &mut p.density[..owned], |a, v, density| {
+                if kind[a] == Kind::Fluid {
+                    *v = v_half[a] + 0.5 * dt * acceleration[a];
+                    *density = density_half[a] + 0.5 * dt * rate[a];
+                }
+            });
             self.dt_before = Some(dt);
         });
         // (21)-(26) at the new positions

@@ -49,7 +49,8 @@ pub(in crate::scheme) trait Relative: Serialize + DeserializeOwned + JsonSchema 
 }
 
 impl<T: Relative> Settings for T {
-    const KERNEL: (KernelName, f64) = DeltaSphSettings::KERNEL;
+    type Own = <DeltaSphSettings as Settings>::Own;
+    const SMOOTHING: f64 = DeltaSphSettings::SMOOTHING;
     const STEP_COST: f64 = T::COST;
 
     fn preset(preset: Preset) -> Self {

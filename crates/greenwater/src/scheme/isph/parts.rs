@@ -17,10 +17,25 @@ pub(super) struct Parts<const D: usize> {
     /// Number of the part of each row, in the order of their first rows; [`NONE`] for all but fluid.
     pub(super) of: Vec<u32>,
     pub(super) count: usize,
+    extents: Vec<Extent>,
     bodies: Vec<Body<D>>,
     /// Pairs of fluid whose second row belongs to an earlier block.
     across: Vec<Vec<(u32, u32)>>,
 }
+
+/// Counts of a part.
+#[derive(Clone, Copy, Debug, Default)]
+struct Extent {
+    particles: usize,
+    /// Particles on a surface, and those that were in the step before.
+    surface: usize,
+    before: usize,
+    /// Whether it is taken to have none.
+    full: bool,
+}
+
+/// Share of the `N^((D−1)/D)` particles on a side of a part that may come to a surface before a part that had none is taken to have one.
+const HOLES: f64 = 0.05;
 
 /// Sums over a part.
 #[derive(Clone, Copy, Debug, Default)]
@@ -118,6 +133,32 @@ impl<const D: usize> Parts<D> {
         }
     }
 
+    /// Finds the parts that fill what holds them, from who is on a surface and who was in the step before. A part has a surface where a kernel can tell
+    /// it from a hole of the packing: on more than `2^D` of its particles, or a larger share than one in 16, as drops and puddles have. One that had
+    /// none before, and whose volume therefore still is that of what holds it, gets one only from much larger holes than bodies tear in their
+    /// wakes. With zero pressure in such a hole, all that the fluid lacks or has too much of would pass through it within a step.
+    pub(super) fn find_full(&mut self, on_surface: impl Fn(usize) -> bool, was_on_surface: impl Fn(usize) -> bool) {
+        self.extents.clear();
+        self.extents.resize(self.count, Extent::default());
+        for (a, &part) in self.of.iter().enumerate() {
+            if let Some(extent) = self.extents.get_mut(part as usize) {
+                extent.particles += 1;
+                extent.surface += usize::from(on_surface(a));
+                extent.before += usize::from(was_on_surface(a));
+            }
+        }
+        for extent in &mut self.extents {
+            let side = (extent.particles as f64).powf((D as f64 - 1.0) / D as f64);
+            let holes = if extent.before == 0 { (HOLES * side) as usize } else { 0 };
+            extent.full = extent.surface <= holes.max(1 << D) && 16 * extent.surface < extent.particles;
+        }
+    }
+
+    /// Whether row `a` is of fluid that fills what holds it, at the last [`find_full`](Self::find_full).
+    pub(super) fn is_full(&self, a: usize) -> bool {
+        self.extents.get(self.of[a] as usize).is_some_and(|extent| extent.full)
+    }
+
     /// Gives each part without walls in reach (`held` tells who has one) the momentum, the path of its centre and, without periodic axes,
     /// the angular momentum that it has by mechanics: a rigid motion of the part is added, which changes no distance and no divergence.
     /// `moved` is the state after a step of `dt` with velocities pushed over `kick`, `p` that before it.
@@ -190,5 +231,27 @@ impl<const D: usize> Parts<D> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether a part of `n` particles of which `surface` are on a surface, and `before` were, has none.
+    fn is_full<const D: usize>(n: usize, surface: usize, before: usize) -> bool {
+        let mut parts = Parts::<D> { of: vec![0; n], count: 1, ..Parts::default() };
+        parts.find_full(|a| a < surface, |a| a < before);
+        parts.is_full(0)
+    }
+
+    #[test]
+    fn a_hole_of_the_packing_is_no_surface() {
+        assert!(is_full::<2>(10_000, 0, 100) && is_full::<2>(10_000, 4, 100) && is_full::<3>(10_000, 8, 100));
+        assert!(!is_full::<2>(10_000, 5, 100) && !is_full::<3>(10_000, 9, 100));
+        // A twentieth of a side.
+        assert!(is_full::<2>(40_000, 10, 0) && !is_full::<2>(40_000, 11, 0));
+        // Drops and puddles.
+        assert!(!is_full::<2>(1, 1, 0) && !is_full::<2>(3, 2, 0) && !is_full::<2>(40, 4, 0));
     }
 }

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Isph;
-use crate::kernel::{Kernel, KernelName};
+use crate::kernel::{Kernel, KernelName, WendlandC2};
 use crate::neighbors::Search;
 use crate::poisson::{PreconditionerKind, SolveError, SolverSettings};
 use crate::scheme::settings::{BrokenRule, Settings};
@@ -38,8 +38,8 @@ pub struct IsphSettings {
     pub preset: Preset,
     /// Whether a surface with pressure zero is looked for.
     pub free_surface: FreeSurface,
-    /// Share of `h U/8` that is the viscosity between particles that approach each other faster than the flow around them explains, dimensionless,
-    /// >= 0; 0 is inviscid.
+    /// Share of `h U/8` that is the viscosity, less that of the fluid, between particles that approach each other faster than the flow around them
+    /// explains, dimensionless, >= 0; 0 is none.
     pub dissipation: f64,
     /// Pressure solves in a step, 1 to 4: each further one takes up what those before left of the divergence.
     pub pressure_passes: u32,
@@ -76,7 +76,8 @@ impl IsphSettings {
 }
 
 impl Settings for IsphSettings {
-    const KERNEL: (KernelName, f64) = (KernelName::WendlandC2, 1.3);
+    type Own = WendlandC2;
+    const SMOOTHING: f64 = 1.3;
     const STEP_COST: f64 = 5e-8;
 
     fn preset(preset: Preset) -> Self {
@@ -112,7 +113,7 @@ impl Settings for IsphSettings {
             (
                 "viscosity",
                 format!(
-                    "of the fluid, and {} h U/8 between particles that approach each other faster than the flow around them explains",
+                    "of the fluid, and what it lacks of {} h U/8 between particles that approach each other faster than the flow around them explains",
                     s.dissipation
                 ),
             ),
@@ -150,7 +151,8 @@ impl Settings for IsphSettings {
 pub struct IsphShiftSettings(pub IsphSettings);
 
 impl Settings for IsphShiftSettings {
-    const KERNEL: (KernelName, f64) = IsphSettings::KERNEL;
+    type Own = <IsphSettings as Settings>::Own;
+    const SMOOTHING: f64 = IsphSettings::SMOOTHING;
     const STEP_COST: f64 = IsphSettings::STEP_COST;
 
     /// No free surface, no dissipation but that of the fluid, no clean-up: a smooth potential of the exact projection has a gradient
