@@ -136,7 +136,8 @@ impl<const D: usize> Simulation<D> {
     /// # Errors
     /// The initial state cannot be evaluated.
     pub fn start(&mut self) -> Result<(), RunError> {
-        self.scheme.start(&mut self.particles, &mut self.domain).map_err(|source| RunError::Step { source, time: 0.0, step: 0 })?;
+        let Self { scheme, particles, domain, .. } = &mut *self;
+        rayon::scope(|_| scheme.start(particles, domain)).map_err(|source| RunError::Step { source, time: 0.0, step: 0 })?;
         self.check().map_err(|source| RunError::Step { source, time: 0.0, step: 0 })
     }
 
@@ -155,7 +156,9 @@ impl<const D: usize> Simulation<D> {
             None => self.scheme.time_step(&self.particles),
         };
         motion::set(&self.motions, &mut self.particles, self.time, limit.dt);
-        let outcome = self.scheme.step(&mut self.particles, &mut self.domain, limit.dt, &mut self.phases);
+        let Self { scheme, particles, domain, phases, .. } = &mut *self;
+        // Entering the pool once is cheaper than at every sweep of a step.
+        let outcome = rayon::scope(|_| scheme.step(particles, domain, limit.dt, phases));
         motion::carry(&self.motions, &mut self.particles, limit.dt);
         match outcome.and_then(|report| self.check().map(|()| report)) {
             Ok(report) => {

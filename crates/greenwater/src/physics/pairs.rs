@@ -40,12 +40,7 @@ pub(crate) struct Sense {
 
 impl Sense {
     /// Takes over positions, masses and smoothing lengths, and what else records show of each particle.
-    pub fn fill<const D: usize>(
-        &mut self,
-        p: &Particles<D>,
-        v: impl Fn(usize) -> Vector<D> + Sync,
-        value: impl Fn(usize) -> f64 + Sync,
-    ) {
+    pub fn fill<const D: usize>(&mut self, p: &Particles<D>, v: impl Fn(usize) -> Vector<D> + Sync, value: impl Fn(usize) -> f64 + Sync) {
         self.records.resize(p.len() + 1, NOBODY);
         sweep(&mut self.records[..p.len()], |a| record(p.x[a], v(a), value(a), p.mass[a], !p.is_fluid(a)));
         self.records[p.len()] = NOBODY;

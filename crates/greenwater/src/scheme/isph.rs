@@ -622,11 +622,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
         self.flow.lattice = Lattice::of(self.kernel, p.h_max(), self.flow.medium.spacing, self.flow.medium.rest_density);
         // Until it was looked at, fluid may have a surface anywhere.
         p.surface.fill(1);
-        // Entering the pool once is cheaper than at every sweep.
-        rayon::scope(|_| {
-            self.look_around(p, domain)?;
-            self.flow.start(p, domain)
-        })
+        self.look_around(p, domain)?;
+        self.flow.start(p, domain)
     }
 
     fn time_step(&self, p: &Particles<D>) -> StepLimit {
@@ -645,10 +642,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
         self.flow.before.read(p, domain);
         self.flow.densities.clear();
         self.flow.densities.extend_from_slice(&p.density[..p.owned()]);
-        rayon::scope(|_| {
-            phases.measure("search", || self.look_around(p, domain))?;
-            self.flow.step(p, domain, dt, phases)
-        })
+        phases.measure("search", || self.look_around(p, domain))?;
+        self.flow.step(p, domain, dt, phases)
     }
 }
 

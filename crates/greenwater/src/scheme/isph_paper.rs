@@ -326,7 +326,8 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
                     total += laminar(a, b, slope, pair.r, pair.h) * v_ab;
                     if p.is_fluid(b) {
                         let density = 0.5 * (p.density[a] + p.density[b]);
-                        let approach = viscosity::Approach { along: v_ab.dot(pair.x_ab), square: pair.r * pair.r, h: pair.h, sound, density };
+                        let approach =
+                            viscosity::Approach { along: v_ab.dot(pair.x_ab), square: pair.r * pair.r, h: pair.h, sound, density };
                         total -= p.mass[b] * artificial(approach) * (slope * pair.x_ab);
                     }
                 }),

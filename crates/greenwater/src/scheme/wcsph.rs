@@ -351,6 +351,41 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         self.medium.rest_density * (1.0 + weight / stiffness).powf(1.0 / f64::from(GAMMA))
     }
 
+    /// (27), (28): positions, velocities and densities after a step `dt`.
+    fn advance(&mut self, p: &mut Particles<D>, dt: f64) {
+        let owned = p.owned();
+        // (28) kick: half-step values forward by the mean of this step and the one before; half a step at the start
+        let kick = match self.dt_before {
+            Some(before) => 0.5 * (dt + before),
+            None => {
+                self.v_half.clone_from(&p.v);
+                self.density_half.clone_from(&p.density);
+                0.5 * dt
+            }
+        };
+        let (kind, acceleration, rate) = (&p.kind, &p.acceleration, &p.density_rate);
+        update2(&mut self.v_half[..owned], &mut self.density_half[..owned], |a, v, density| {
+            if kind[a] == Kind::Fluid {
+                (*v, *density) = (*v + kick * acceleration[a], *density + kick * rate[a]);
+            }
+        });
+        let (v_half, density_half) = (&self.v_half, &self.density_half);
+        // (28) drift: x^{n+1} = x^n + Δt v^{n+1/2}
+        update(&mut p.x[..owned], |a, x| {
+            if kind[a] == Kind::Fluid {
+                *x += dt * v_half[a];
+            }
+        });
+        // (27) predict the whole step from the half step, with the rates of the old positions
+        update2(&mut p.v[..owned], &mut p.density[..owned], |a, v, density| {
+            if kind[a] == Kind::Fluid {
+                *v = v_half[a] + 0.5 * dt * acceleration[a];
+                *density = density_half[a] + 0.5 * dt * rate[a];
+            }
+        });
+        self.dt_before = Some(dt);
+    }
+
     /// Pairs, pressures, stresses, forces: everything that follows from positions, velocities and densities.
     fn evaluate(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
         phases.measure("search", || {
@@ -435,8 +470,14 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         let WcsphSettings { alpha, beta, eta, .. } = self.settings;
         let (owned, pairs) = (p.owned(), self.pairs());
         let stress = (self.medium.viscosity > 0.0).then_some(self.stress.as_slice());
-        let forces =
-            Forces { pairs, gravity: self.medium.gravity, artificial: [alpha, beta, eta], pressed: &self.pressed, sound: &self.sound, stress };
+        let forces = Forces {
+            pairs,
+            gravity: self.medium.gravity,
+            artificial: [alpha, beta, eta],
+            pressed: &self.pressed,
+            sound: &self.sound,
+            stress,
+        };
         sweep_lanes2(pairs.set, &mut p.acceleration[..owned], &mut p.density_rate[..owned], &forces);
     }
 
@@ -498,39 +539,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
     }
 
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
-        let owned = p.owned();
-        phases.measure("motion", || {
-            // (28) kick: half-step values forward by the mean of this step and the one before; half a step at the start
-            let kick = match self.dt_before {
-                Some(before) => 0.5 * (dt + before),
-                None => {
-                    self.v_half.clone_from(&p.v);
-                    self.density_half.clone_from(&p.density);
-                    0.5 * dt
-                }
-            };
-            let (kind, acceleration, rate) = (&p.kind, &p.acceleration, &p.density_rate);
-            update2(&mut self.v_half[..owned], &mut self.density_half[..owned], |a, v, density| {
-                if kind[a] == Kind::Fluid {
-                    (*v, *density) = (*v + kick * acceleration[a], *density + kick * rate[a]);
-                }
-            });
-            let (v_half, density_half) = (&self.v_half, &self.density_half);
-            // (28) drift: x^{n+1} = x^n + Δt v^{n+1/2}
-            update(&mut p.x[..owned], |a, x| {
-                if kind[a] == Kind::Fluid {
-                    *x += dt * v_half[a];
-                }
-            });
-            // (27) predict the whole step from the half step, with the rates of the old positions
-            update2(&mut p.v[..owned], &mut p.density[..owned], |a, v, density| {
-                if kind[a] == Kind::Fluid {
-                    *v = v_half[a] + 0.5 * dt * acceleration[a];
-                    *density = density_half[a] + 0.5 * dt * rate[a];
-                }
-            });
-            self.dt_before = Some(dt);
-        });
+        phases.measure("motion", || self.advance(p, dt));
         // (21)-(26) at the new positions
         self.evaluate(p, domain, phases)?;
         self.reset_density(p, domain, phases)?;
