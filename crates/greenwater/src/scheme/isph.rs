@@ -325,17 +325,23 @@ impl<const D: usize> Flow<D> {
     }
 
     /// What the projections are to remove of `D v` of unknown `k`, 1/s. Where a free surface touches a wall, an expansion is held together with
-    /// no more than gravity: a wall has no suction on what the air can reach, and a jet that passes its end must not be drawn around it.
+    /// no more than [gravity](Self::hold): a wall has no suction on what the air can reach, and a jet that passes its end must not be drawn around it.
     fn divergence_to_remove(&self, p: &Particles<D>, k: usize, dt: f64) -> f64 {
         let at = &self.at[self.numbering.row(k)];
         let surrounded = at.place == Place::Inside && at.off_walls == Vector::ZERO;
-        let mut divergence = if surrounded { self.corrected_divergence(k) } else { self.divergence(p, k) };
-        if at.place == Place::Surface && at.off_walls != Vector::ZERO {
-            // Gravity, or what makes the same greatest speed where there is none.
-            let pull = 0.25 * self.medium.speed * self.medium.speed / self.medium.depth;
-            divergence = divergence.min(pull * dt * at.off_walls.norm());
-        }
+        let divergence = if surrounded { self.corrected_divergence(k) } else { self.divergence(p, k).min(self.hold(k, dt)) };
         at.resisted(divergence, dt)
+    }
+
+    /// The greatest expansion of unknown `k` that is resisted in a step, 1/s: on a free surface that touches a wall what gravity makes there, or what
+    /// makes the same greatest speed where there is none.
+    fn hold(&self, k: usize, dt: f64) -> f64 {
+        let at = &self.at[self.numbering.row(k)];
+        if at.place == Place::Surface && at.off_walls != Vector::ZERO {
+            0.25 * self.medium.speed * self.medium.speed / self.medium.depth * dt * at.off_walls.norm()
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// The compact pressure equation, by unknown.
@@ -517,7 +523,16 @@ impl<const D: usize> Flow<D> {
         }
         let mut source = std::mem::take(&mut self.source);
         sweep(&mut source, |k| -self.divergence_to_remove(p, k, dt));
-        self.exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.velocity_iterations);
+        let mut exact = std::mem::take(&mut self.exact);
+        // What parts from a wall has no potential at all: were it only let go in part, drops close together, which see the same of each other, would be
+        // asked for different divergences, and no moderate velocity has them.
+        let held = |k| {
+            let hold = self.hold(k, dt);
+            hold == f64::INFINITY || self.divergence(p, k) <= hold
+        };
+        exact.hold(self.numbering.len(), held);
+        exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.velocity_iterations);
+        self.exact = exact;
         self.source = source;
         let (numbering, exact) = (&self.numbering, &self.exact);
         update(&mut self.v[..p.owned()], |a, v| {
@@ -556,6 +571,7 @@ impl<const D: usize> Flow<D> {
             let source = 0.5 * error * self.lattice.sum_w - dt * self.divergence(p, k) - by_shift;
             if crowded { source.max(0.0) } else { source }
         });
+        self.exact.hold(self.numbering.len(), |_| true);
         self.exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.density_iterations);
         (self.source, self.unknowns) = (source, swelling);
         let (numbering, exact, most) = (&self.numbering, &self.exact, 0.1 * self.medium.spacing);

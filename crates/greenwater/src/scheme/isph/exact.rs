@@ -18,6 +18,8 @@ pub(super) struct Exact<const D: usize> {
     slope: Vec<[f32; D]>,
     /// Inverse of the diagonal of `−D G`, `|C|² + Σ f² r²`.
     inverse: Vec<f32>,
+    /// The same of those rows that have a potential, zero for the others.
+    held: Vec<f32>,
     /// The potential, and its gradient.
     pub(super) q: Vec<f32>,
     pub(super) gradient: Vec<[f32; D]>,
@@ -42,11 +44,19 @@ impl<const D: usize> Exact<D> {
         }
     }
 
+    /// Says which rows have a potential in the projections that follow; that of the others is zero, and their divergence stays.
+    pub(super) fn hold(&mut self, n: usize, held: impl Fn(usize) -> bool + Sync) {
+        let inverse = &self.inverse;
+        self.held.resize(n, 0.0);
+        sweep(&mut self.held, |i| if held(i) { inverse[i] } else { 0.0 });
+    }
+
     /// At most so many conjugate-gradient iterations from zero for `−D G q = source`, fewer once the residual has fallen to a twentieth:
     /// what the iterations reach that are worth their time. Leaves `q` and `gradient = G q`.
     pub(super) fn project(&mut self, a: &Sliced, arms: &Arms<D>, source: &[f64], closure: &mut Closure, iterations: usize) {
-        let Self { slope, inverse, q, gradient, r, p, ap, wide } = self;
-        let (slope, inverse) = (&*slope, &*inverse);
+        let Self { slope, held, q, gradient, r, p, ap, wide, .. } = self;
+        // Rows that are not held stay zero in every direction: these are the conjugate gradients of the rest.
+        let (slope, inverse) = (&*slope, &*held);
         // A constant potential means nothing where there is no surface, but its gradient is that of the packing, and would take
         // the velocity that made it for divergence.
         let mut level = |column: &mut [f32]| {

@@ -218,9 +218,8 @@ impl<const D: usize> Parts<D> {
             for k in (D * D - D) / 2..3 {
                 body.inertia[k][k] = size;
             }
-            // Particles nearer to each other than a spacing are being moved apart, and would have to turn at any speed to keep their angular momentum
-            // as they come nearer: a drop like that has no spin.
-            let turns = size > body.mass * spacing * spacing;
+            // A line of particles does not resist turning about itself, and one alone not at all: what it has is rounding.
+            let turns = size > 1e-6 * body.mass * spacing * spacing;
             body.missing =
                 inverse(&body.inertia).filter(|_| turns).map_or(Vector::ZERO, |inverse| crate::math::transform(&inverse, body.missing));
         }
