@@ -7,9 +7,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use rayon::prelude::*;
-
-use crate::sweep::BLOCK;
+use crate::sweep::blocks2;
 
 /// Numbers in a vector.
 pub(crate) const LANES: usize = 8;
@@ -791,10 +789,7 @@ pub(crate) fn sweep_lanes2<T: Send, U: Send, R: Rows<T, U>>(set: InstructionSet,
         }
     }
 
-    debug_assert_eq!(first.len(), second.len());
-    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (first, second))| {
-        dispatch(set, Block { start: block * BLOCK, first, second, rows });
-    });
+    blocks2(first, second, &|start, first, second| dispatch(set, Block { start, first, second, rows }));
 }
 
 /// As [`sweep_lanes2`], for one column.

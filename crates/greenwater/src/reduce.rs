@@ -77,11 +77,11 @@ fn join_lanes(l: [f64; LANES]) -> f64 {
 }
 
 /// Adds the sums of all blocks of `0..n` along the fixed tree.
-fn over_blocks(n: usize, block_sum: &(impl Fn(Range<usize>) -> f64 + Sync)) -> f64 {
+fn over_blocks(n: usize, block_sum: &(dyn Fn(Range<usize>) -> f64 + Sync)) -> f64 {
     branch(0..n.div_ceil(BLOCK).max(1), n, block_sum)
 }
 
-fn branch(blocks: Range<usize>, n: usize, block_sum: &(impl Fn(Range<usize>) -> f64 + Sync)) -> f64 {
+fn branch(blocks: Range<usize>, n: usize, block_sum: &(dyn Fn(Range<usize>) -> f64 + Sync)) -> f64 {
     if blocks.len() == 1 {
         return block_sum(blocks.start * BLOCK..n.min(blocks.end * BLOCK));
     }

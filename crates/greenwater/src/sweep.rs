@@ -7,11 +7,26 @@ use rayon::prelude::*;
 /// Rows a thread takes at a time.
 pub(crate) const BLOCK: usize = 256;
 
+/// `change(start, rows)` for every block of rows. Loops over particles are many, and what threads need is more than they are: it is compiled once for
+/// each type of row, not for each loop.
+#[inline(never)]
+fn blocks<T: Send>(rows: &mut [T], change: &(dyn Fn(usize, &mut [T]) + Sync)) {
+    rows.par_chunks_mut(BLOCK).enumerate().with_max_len(1).for_each(|(block, rows)| change(block * BLOCK, rows));
+}
+
+/// `change(start, first, second)` for every block of rows of two columns of equal length.
+#[inline(never)]
+pub(crate) fn blocks2<T: Send, U: Send>(first: &mut [T], second: &mut [U], change: &(dyn Fn(usize, &mut [T], &mut [U]) + Sync)) {
+    debug_assert_eq!(first.len(), second.len());
+    let blocks = first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1);
+    blocks.for_each(|(block, (first, second))| change(block * BLOCK, first, second));
+}
+
 /// `out[a] = value(a)` for every row.
 pub(crate) fn sweep<T: Send>(out: &mut [T], value: impl Fn(usize) -> T + Sync) {
-    out.par_chunks_mut(BLOCK).enumerate().with_max_len(1).for_each(|(block, rows)| {
+    blocks(out, &|start, rows| {
         for (i, row) in rows.iter_mut().enumerate() {
-            *row = value(block * BLOCK + i);
+            *row = value(start + i);
         }
     });
 }
@@ -27,29 +42,27 @@ pub(crate) fn sweep_with<T: Send, W>(out: &mut [T], workspace: impl Fn() -> W + 
 
 /// `change(a, &mut column[a])` for every row.
 pub(crate) fn update<T: Send>(column: &mut [T], change: impl Fn(usize, &mut T) + Sync) {
-    column.par_chunks_mut(BLOCK).enumerate().for_each(|(block, rows)| {
+    blocks(column, &|start, rows| {
         for (i, row) in rows.iter_mut().enumerate() {
-            change(block * BLOCK + i, row);
+            change(start + i, row);
         }
     });
 }
 
 /// `change(a, &mut first[a], &mut second[a])` for every row.
 pub(crate) fn update2<T: Send, U: Send>(first: &mut [T], second: &mut [U], change: impl Fn(usize, &mut T, &mut U) + Sync) {
-    debug_assert_eq!(first.len(), second.len());
-    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (ones, twos))| {
+    blocks2(first, second, &|start, ones, twos| {
         for (i, (one, two)) in ones.iter_mut().zip(twos).enumerate() {
-            change(block * BLOCK + i, one, two);
+            change(start + i, one, two);
         }
     });
 }
 
 /// `(first[a], second[a]) = values(a)` for every row.
 pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values: impl Fn(usize) -> (T, U) + Sync) {
-    debug_assert_eq!(first.len(), second.len());
-    first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1).for_each(|(block, (ones, twos))| {
+    blocks2(first, second, &|start, ones, twos| {
         for (i, (one, two)) in ones.iter_mut().zip(twos).enumerate() {
-            (*one, *two) = values(block * BLOCK + i);
+            (*one, *two) = values(start + i);
         }
     });
 }
@@ -63,5 +76,15 @@ pub(crate) fn trim<T>(column: &mut Vec<T>) {
 
 /// The largest `value(a)` over `0..n`; `-∞` for none, NaN if any value is NaN.
 pub(crate) fn largest(n: usize, value: impl Fn(usize) -> f64 + Sync + Send) -> f64 {
-    (0..n).into_par_iter().with_min_len(4 * BLOCK).map(value).reduce(|| f64::NEG_INFINITY, |a, b| if a.is_nan() || a > b { a } else { b })
+    largest_of(n.div_ceil(4 * BLOCK), &|block| (4 * BLOCK * block..n.min(4 * BLOCK * (block + 1))).map(&value).fold(f64::NEG_INFINITY, larger))
+}
+
+#[inline(never)]
+fn largest_of(n: usize, value: &(dyn Fn(usize) -> f64 + Sync)) -> f64 {
+    (0..n).into_par_iter().map(value).reduce(|| f64::NEG_INFINITY, larger)
+}
+
+/// The larger of two, NaN if one is.
+fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
 }
