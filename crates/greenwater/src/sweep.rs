@@ -14,9 +14,12 @@ fn blocks<T: Send>(rows: &mut [T], change: &(dyn Fn(usize, &mut [T]) + Sync)) {
     rows.par_chunks_mut(BLOCK).enumerate().with_max_len(1).for_each(|(block, rows)| change(block * BLOCK, rows));
 }
 
+/// What is done to a block of rows of two columns: `change(start, first, second)`.
+type Change2<'a, T, U> = dyn Fn(usize, &mut [T], &mut [U]) + Sync + 'a;
+
 /// `change(start, first, second)` for every block of rows of two columns of equal length.
 #[inline(never)]
-pub(crate) fn blocks2<T: Send, U: Send>(first: &mut [T], second: &mut [U], change: &(dyn Fn(usize, &mut [T], &mut [U]) + Sync)) {
+pub(crate) fn blocks2<T: Send, U: Send>(first: &mut [T], second: &mut [U], change: &Change2<'_, T, U>) {
     debug_assert_eq!(first.len(), second.len());
     let blocks = first.par_chunks_mut(BLOCK).zip(second.par_chunks_mut(BLOCK)).enumerate().with_max_len(1);
     blocks.for_each(|(block, (first, second))| change(block * BLOCK, first, second));
@@ -76,7 +79,9 @@ pub(crate) fn trim<T>(column: &mut Vec<T>) {
 
 /// The largest `value(a)` over `0..n`; `-∞` for none, NaN if any value is NaN.
 pub(crate) fn largest(n: usize, value: impl Fn(usize) -> f64 + Sync + Send) -> f64 {
-    largest_of(n.div_ceil(4 * BLOCK), &|block| (4 * BLOCK * block..n.min(4 * BLOCK * (block + 1))).map(&value).fold(f64::NEG_INFINITY, larger))
+    largest_of(n.div_ceil(4 * BLOCK), &|block| {
+        (4 * BLOCK * block..n.min(4 * BLOCK * (block + 1))).map(&value).fold(f64::NEG_INFINITY, larger)
+    })
 }
 
 #[inline(never)]
