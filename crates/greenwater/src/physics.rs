@@ -16,4 +16,4 @@ pub mod state;
 pub mod surface;
 pub mod viscosity;
 
-pub use density::{continuity, summation_density};
+pub use density::summation_density;

@@ -450,6 +450,9 @@ fn rise(values: impl Iterator<Item = f64>) -> f64 {
 /// Amplitude of the sine of which the span of the rows holds `periods`, fitted with a constant in the mean over time, and the mean square that
 /// it leaves.
 fn sine(rows: &[[f64; 2]], periods: f64) -> Result<(f64, f64), Problem> {
+    if rows.len() < 4 {
+        return Err(format!("{} rows do not make a sine", rows.len()));
+    }
     let (start, end) = (rows[0][0], rows[rows.len() - 1][0]);
     let (mut matrix, mut right, mut square) = ([[0.0; 5]; 4], [0.0; 3], 0.0);
     for (i, &[t, value]) in rows.iter().enumerate() {

@@ -44,17 +44,22 @@ impl Sense {
         self.records.resize(p.len() + 1, NOBODY);
         sweep(&mut self.records[..p.len()], |a| record(p.x[a], v(a), value(a), p.mass[a], !p.is_fluid(a)));
         self.records[p.len()] = NOBODY;
-        self.lengths.clear();
-        if p.h_min() < p.h_max() {
-            self.lengths.extend_from_slice(&p.h);
-            self.lengths.push(p.h_max());
-        }
+        take_lengths(p, &mut self.lengths);
     }
 
     /// For sums with `kernel` over the neighbours `near`, by the best instructions of this machine.
     pub fn pairs<'a, K, const D: usize>(&'a self, kernel: K, near: &'a Neighbors<D>) -> Pairs<'a, K, D> {
         let lengths = (!self.lengths.is_empty()).then_some(self.lengths.as_slice());
         Pairs { set: InstructionSet::of_this_machine(), kernel, near, records: &self.records, lengths }
+    }
+}
+
+/// Makes `lengths` the smoothing lengths of all particles and of nobody, m; none where all are equal.
+pub(crate) fn take_lengths<const D: usize>(p: &Particles<D>, lengths: &mut Vec<f64>) {
+    lengths.clear();
+    if p.h_min() < p.h_max() {
+        lengths.extend_from_slice(&p.h);
+        lengths.push(p.h_max());
     }
 }
 

@@ -22,7 +22,7 @@ use crate::particles::{Kind, Order, Particles};
 use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new_density};
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
-use crate::physics::pairs::{Pairs, record};
+use crate::physics::pairs::{Pairs, record, take_lengths};
 use crate::physics::state::{EquationOfState, PressureLaw};
 use crate::reduce::sum;
 use crate::sweep::{BLOCK, largest, sweep, update, update2};
@@ -347,11 +347,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             self.near.follow(p);
         }
         self.walls.search(self.kernel, &self.near, p, self.medium.spacing, self.kernel.radius());
-        self.lengths.clear();
-        if p.h_min() < p.h_max() {
-            self.lengths.extend_from_slice(&p.h);
-            self.lengths.push(p.h_max());
-        }
+        take_lengths(p, &mut self.lengths);
         self.make_room(p);
         Ok(())
     }

@@ -97,9 +97,9 @@ impl DeltaSphSettings {
 }
 
 impl Settings for DeltaSphSettings {
-    /// `h` of two spacings: a square lattice stays where it is under its own pressure, which at 1.5 it does not
-    /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`).
     type Own = WendlandC2;
+    /// A square lattice stays where it is under its own pressure, which at 1.5 it does not
+    /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`).
     const SMOOTHING: f64 = 2.0;
     const STEP_COST: f64 = 3e-9;
 

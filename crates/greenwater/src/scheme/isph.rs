@@ -194,8 +194,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             flow.at.iter_mut().for_each(|at| at.place = Place::Inside);
         } else {
             let (at, places, parts) = (&mut flow.at, &mut flow.places, &mut flow.parts);
-            sweep(&mut places[..owned], |a| at[a].place);
-            parts.find_full(|a| places[a] == Place::Surface, |a| p.surface[a] != 0);
+            parts.find_full(|a| at[a].place == Place::Surface, |a| p.surface[a] != 0);
             update(at, |a, at| {
                 if parts.is_full(a) {
                     at.place = Place::Inside;
@@ -530,7 +529,7 @@ impl<const D: usize> Flow<D> {
             let hold = self.hold(k, dt);
             hold == f64::INFINITY || self.divergence(p, k) <= hold
         };
-        exact.hold(self.numbering.len(), held);
+        exact.hold(held);
         exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.velocity_iterations);
         self.exact = exact;
         self.source = source;
@@ -571,7 +570,7 @@ impl<const D: usize> Flow<D> {
             let source = 0.5 * error * self.lattice.sum_w - dt * self.divergence(p, k) - by_shift;
             if crowded { source.max(0.0) } else { source }
         });
-        self.exact.hold(self.numbering.len(), |_| true);
+        self.exact.hold(|_| true);
         self.exact.project(&self.sliced, &self.arms, &source, &mut self.closure, self.settings.density_iterations);
         (self.source, self.unknowns) = (source, swelling);
         let (numbering, exact, most) = (&self.numbering, &self.exact, 0.1 * self.medium.spacing);

@@ -137,7 +137,7 @@ impl WcsphSettings {
 impl Settings for WcsphSettings {
     type Own = CubicSpline;
     const SMOOTHING: f64 = 1.2;
-    const STEP_COST: f64 = 4e-8;
+    const STEP_COST: f64 = 1.5e-8;
 
     fn preset(preset: Preset) -> Self {
         Self::preset(preset)

@@ -45,9 +45,9 @@ impl<const D: usize> Exact<D> {
     }
 
     /// Says which rows have a potential in the projections that follow; that of the others is zero, and their divergence stays.
-    pub(super) fn hold(&mut self, n: usize, held: impl Fn(usize) -> bool + Sync) {
+    pub(super) fn hold(&mut self, held: impl Fn(usize) -> bool + Sync) {
         let inverse = &self.inverse;
-        self.held.resize(n, 0.0);
+        self.held.resize(inverse.len(), 0.0);
         sweep(&mut self.held, |i| if held(i) { inverse[i] } else { 0.0 });
     }
 
