@@ -3,7 +3,7 @@
 use super::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, splat, totals};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes, Rows};
-use crate::math::{Matrix, Vector};
+use crate::math::Vector;
 use crate::neighbors::{Octet, Term};
 
 /// `Σ f d_ab x_ab/r²` over fluid, 1/(m s), with `f_ab = −V W'/r`, of the approach `d_ab = v_ab·x_ab < 0` of each pair less what the stretching of the
@@ -13,38 +13,40 @@ use crate::neighbors::{Octet, Term};
 /// pair, along the line between its particles, and never against their parting: momentum is conserved, energy only lost. Source: the artificial viscosity
 /// of Monaghan (1992) between velocities that are reconstructed linearly and limited after van Leer, as by Frontiere, Raskin & Owen, J. Comput. Phys. 332
 /// (2017) 160.
-pub(crate) struct Damping<'a, K, const D: usize> {
+pub(crate) struct Damping<'a, K, S, const D: usize> {
     /// Records carry velocities.
     pub pairs: Pairs<'a, K, D>,
-    /// `S`, the symmetric part of `∇v`, 1/s, of each particle and of nobody.
-    pub stretch: &'a [Matrix<D>],
+    /// Entry `i`, `j` of `S`, the symmetric part of `∇v`, 1/s, of each particle; zero for nobody.
+    pub stretch: S,
     /// `1/(2 ρ0)`, m³/kg.
     pub half_over_rest: f64,
+    /// Smoothing lengths, m.
+    pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, const D: usize> Rows<Vector<D>> for Damping<'_, K, D> {
+impl<K: Kernel<D>, S: Fn(usize, usize, usize) -> f64 + Sync, const D: usize> Rows<Vector<D>> for Damping<'_, K, S, D> {
     #[inline(always)]
     fn row<L: Lanes>(&self, a: usize, out: &mut Vector<D>, _: &mut ()) {
         let own = self.pairs.records[a];
         *out = Vector::ZERO;
         if !own.is_wall::<D>() {
-            let reach = self.pairs.reach::<L>(self.pairs.near.h(a));
-            let term = Approach { reach, mass: L::splat(own.mass::<D>()), v: splat(own.v()), own: &self.stretch[a], all: self.stretch };
+            let reach = self.pairs.reach::<L>(self.h[a]);
+            let term = Approach { reach, mass: L::splat(own.mass::<D>()), v: splat(own.v()), a, stretch: &self.stretch };
             *out = -(self.half_over_rest * reach.slope_scale()) * totals(self.pairs.near.sum(a, self.pairs.records, &term));
         }
     }
 }
 
 /// `(m_a + m_b) d_ab x_ab/r²`, times `W'/r` on the scale of the particle.
-struct Approach<'a, K, L, const D: usize> {
+struct Approach<'a, K, S, L, const D: usize> {
     reach: Reach<'a, K, L>,
     mass: L,
     v: [L; D],
-    own: &'a Matrix<D>,
-    all: &'a [Matrix<D>],
+    a: usize,
+    stretch: &'a S,
 }
 
-impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Approach<'_, K, L, D> {
+impl<K: Kernel<D>, S: Fn(usize, usize, usize) -> f64, L: Lanes, const D: usize> Term<L, D> for Approach<'_, K, S, L, D> {
     type Totals = [L; D];
 
     #[inline(always)]
@@ -61,10 +63,10 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Approach<'_, K, L, D
             for j in i..D {
                 let mut others = [0.0; LANES];
                 for lane in 0..LANES {
-                    others[lane] = self.all[octet.rows[lane] as usize][i][j];
+                    others[lane] = (self.stretch)(octet.rows[lane] as usize, i, j);
                 }
                 let twice = if i == j { x[i] * x[j] } else { x[i] * x[j] * 2.0 };
-                here = twice.times_plus(L::splat(self.own[i][j]), here);
+                here = twice.times_plus(L::splat((self.stretch)(self.a, i, j)), here);
                 there = twice.times_plus(L::from_array(others), there);
             }
         }
@@ -83,6 +85,7 @@ mod tests {
     use super::*;
     use crate::kernel::WendlandC2;
     use crate::lanes::{InstructionSet, Record, sweep_lanes};
+    use crate::math::Matrix;
     use crate::neighbors::{NOBODY, Neighbors, Search};
     use crate::particles::{Kind, Particle, Particles};
     use crate::physics::pairs::record;
@@ -103,7 +106,7 @@ mod tests {
         let set = InstructionSet::of_this_machine();
         let pairs = Pairs { set, kernel: WendlandC2, near: &near, records: &records, lengths: None };
         let mut out = vec![Vector::ZERO; p.len()];
-        sweep_lanes(set, &mut out, &Damping { pairs, stretch: &vec![stretch; p.len() + 1], half_over_rest: 0.5 });
+        sweep_lanes(set, &mut out, &Damping { pairs, stretch: |_, i: usize, j| stretch[i][j], half_over_rest: 0.5, h: &p.h });
         (out, p.x.clone())
     }
 

@@ -2,6 +2,7 @@
 //!
 //! A method brings its pair terms (`Flux`); this file moves the particles.
 
+mod images;
 pub(super) mod relative;
 mod start;
 mod sums;
@@ -10,6 +11,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::images::{Finding, Images};
 use self::sums::{DensitySlope, Dilation, Kick, Looking, Shifting};
 use super::before::{Before, follow};
 use super::{Medium, Scheme, StepError, StepReport};
@@ -20,6 +22,7 @@ use crate::math::Vector;
 use crate::neighbors::{NOBODY, Neighbors, Search};
 use crate::particles::{Kind, Order, Particles};
 use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new_density};
+use crate::physics::damping::Damping;
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record, take_lengths};
@@ -100,9 +103,9 @@ pub(super) trait Flux<const D: usize>: Copy + Send + Sync {
     /// Whether pressure and divergence are those of linear kernels, which [`force`](Self::force) and [`rate`](Self::rate) then leave out.
     const LINEAR: bool = false;
 
-    /// Whether walls of linear kernels can pull.
-    fn walls_pull(self) -> bool {
-        false
+    /// With linear kernels: how much of their pressures `fluid` and `wall`, Pa, press each other with, dimensionless.
+    fn share_at_wall(self, _fluid: f64, _wall: f64) -> f64 {
+        1.0
     }
 
     /// The same terms for the speed of sound `sound`, m/s.
@@ -157,6 +160,8 @@ pub(super) struct Plan {
     pub stepping: Stepping,
     /// Share of `h/(c0 + v)` that a sound step takes.
     pub acoustic_courant: f64,
+    /// Strength of artificial viscosity, dimensionless.
+    pub alpha: f64,
     /// Strength of the acoustic damper; 0 for none.
     pub damping: f64,
     /// What diffusion leaves alone.
@@ -216,6 +221,9 @@ impl<const D: usize> Shift<D> {
     }
 }
 
+/// The symmetric part of the gradient of velocity, 1/s. It serves to tell a flow from a tremor: single precision is plenty.
+type Stretch<const D: usize> = [[f32; D]; D];
+
 /// What sound changes in a particle of fluid, beside where it is and how it moves.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bulk {
@@ -225,7 +233,7 @@ struct Bulk {
     rate: f64,
     /// The part of it that is compression, `−ρ0 ∇·v`, kg/(m³ s).
     compression: f64,
-    /// The part of it that draws dilated fluid together, kg/(m³ s). Before the first sound step: the rate of strain, 1/s.
+    /// The part of it that draws dilated fluid together, kg/(m³ s).
     pull: f64,
     /// Least pressure, Pa.
     least: f64,
@@ -275,6 +283,10 @@ pub struct Acoustic<K, const D: usize> {
     /// Positions, velocities and densities at its end. Behind the last one: the other columns before the step, see [`settle`](Self::settle).
     end: Vec<Record>,
     bulk: Vec<Bulk>,
+    /// Of all rows and nobody.
+    stretch: Vec<Stretch<D>>,
+    /// Acceleration of fluid that stays over a step, m/s²: by artificial viscosity, and by images beyond the free surface.
+    steady: Vec<Vector<D>>,
     before: Before<D>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
     gradient: Vec<Vector<D>>,
@@ -305,6 +317,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             middle: Vec::new(),
             end: Vec::new(),
             bulk: Vec::new(),
+            stretch: Vec::new(),
+            steady: Vec::new(),
             before: Before::default(),
             gradient: Vec::new(),
             linear: Vec::new(),
@@ -362,14 +376,16 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             records[p.len()] = NOBODY;
         }
         self.bulk.resize(p.owned(), Bulk::default());
+        self.stretch.resize(rows, [[0.0; D]; D]);
+        self.steady.resize(p.owned(), Vector::ZERO);
     }
 
-    /// Which particles belong to the free surface, its normal there, and how fast fluid is strained; leaves positions, normals and
-    /// densities in `end`.
+    /// Which particles belong to the free surface, its normal there, and how fluid stretches; leaves positions, normals and
+    /// densities in `end`, velocities in `middle`.
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (x, v, mass, kind, owned) = (&p.x, &p.v, &p.mass, &p.kind, p.owned());
         sweep(&mut self.middle[..p.x.len()], |a| record(x[a], v[a], 0.0, mass[a], kind[a] != Kind::Fluid));
-        let (mut end, mut bulk) = (std::mem::take(&mut self.end), std::mem::take(&mut self.bulk));
+        let (mut end, mut stretch) = (std::mem::take(&mut self.end), std::mem::take(&mut self.stretch));
         let looking = Looking {
             pairs: self.pairs(&self.middle),
             scale: self.volume_scale(),
@@ -380,11 +396,49 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             mass: &p.mass,
             h: &p.h,
         };
-        sweep_lanes2(self.set, &mut end[..owned], &mut bulk, &looking);
+        sweep_lanes2(self.set, &mut end[..owned], &mut stretch[..owned], &looking);
         sweep(&mut p.surface[..owned], |a| u8::from(kind[a] == Kind::Fluid && end[a].v::<D>() != Vector::ZERO));
         domain.refresh_records(&mut end);
         domain.refresh_column(&mut p.surface);
-        (self.end, self.bulk) = (end, bulk);
+        domain.refresh_column(&mut stretch[..p.len()]);
+        (self.end, self.stretch) = (end, stretch);
+    }
+
+    /// Artificial viscosity between the velocities in `middle`: `α h c0 Σ_b V_b d_ab ∇_a W_ab/r²`, with what a linear flow explains of the approach
+    /// `d_ab` left out (see [`Damping`]), and of `α h c0` what the viscosity `2 (D + 2) ν` of the fluid does.
+    fn damp(&mut self, p: &Particles<D>) {
+        let lacking = |h: f64| {
+            let own = 2.0 * (D as f64 + 2.0) * self.medium.viscosity / self.plan.state.rest;
+            (self.plan.alpha * h * self.plan.state.sound - own).max(0.0)
+        };
+        let mut steady = std::mem::take(&mut self.steady);
+        if lacking(p.h_max()) > 0.0 {
+            let stretch = |a: usize, i: usize, j: usize| f64::from(self.stretch[a][i][j]);
+            let half_over_rest = 0.5 * self.volume_scale();
+            sweep_lanes(self.set, &mut steady, &Damping { pairs: self.pairs(&self.middle), stretch, half_over_rest, h: &p.h });
+            update(&mut steady, |a, steady| *steady = -lacking(p.h[a]) * *steady);
+        } else {
+            steady.fill(Vector::ZERO);
+        }
+        self.steady = steady;
+    }
+
+    /// What the images of liquid beyond the free surface do, from the accelerations of the last step; takes the room of
+    /// `stretch`, which is needed no more.
+    fn reflect(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        if matches!(self.plan.flux, AnyFlux::Linear(_)) {
+            return;
+        }
+        domain.refresh_column(&mut p.acceleration);
+        let (mut beneath, mut steady, owned) = (std::mem::take(&mut self.stretch), std::mem::take(&mut self.steady), p.owned());
+        let (spacing, gravity) = (self.medium.spacing, self.medium.gravity);
+        let pairs = self.pairs(&self.end);
+        let finding = Finding { pairs, place: &self.place, spacing, gravity, acceleration: &p.acceleration, h: &p.h };
+        sweep_lanes(self.set, &mut beneath[..owned], &finding);
+        domain.refresh_column(&mut beneath[..p.len()]);
+        let images = Images { pairs, scale: self.volume_scale(), beneath: &beneath, h: &p.h };
+        sweep_lanes(self.set, &mut steady, &images);
+        (self.stretch, self.steady) = (beneath, steady);
     }
 
     /// Finds who is near the free surface, and how particles are shifted over a step `dt`: not those of the surface, those near it
@@ -397,7 +451,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             scale: self.volume_scale(),
             plan: &self.plan,
             spacing: self.medium.spacing,
-            bulk: &self.bulk,
+            stretch: &self.stretch,
             fastest: fastest(p),
             dt,
             kind: &p.kind,
@@ -471,6 +525,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 linear: &self.linear,
                 place: &self.place,
                 bulk: &self.bulk,
+                steady: &self.steady,
                 state: self.plan.state,
                 gravity: self.medium.gravity,
                 step: [dt, drift, share],
@@ -747,7 +802,9 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         self.before.read(p, domain);
         phases.measure("search", || self.search(p, domain))?;
         phases.measure("surface", || self.surface(p, domain));
+        phases.measure("damping", || self.damp(p));
         phases.measure("shifting", || self.shift(p, domain, dt));
+        phases.measure("surface", || self.reflect(p, domain));
 
         // (2) pressure and density in sound steps of position-Verlet (Zhang, Rezavand & Hu 2020):
         //     x^{n+1/2} = x^n + Δt/2 v^n, ρ^{n+1/2} = ρ^n + Δt/2 (dρ/dt)^n, p^{n+1/2}, the first one here, the others in `dilate`

@@ -11,7 +11,7 @@ use crate::lanes::Real;
 use crate::neighbors::Search;
 use crate::physics::consistency::DensityReset;
 use crate::physics::diffusion::Diffusion;
-use crate::physics::pairs::{add_scaled, difference, dot};
+use crate::physics::pairs::{add_scaled, difference, dot, scaled};
 use crate::physics::pressure::{Elasticity, GAMMA};
 use crate::physics::state::{EquationOfState, PressureLaw};
 use crate::poisson::SolveError;
@@ -257,6 +257,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 suction: settings.wall_suction,
                 stepping: settings.stepping,
                 acoustic_courant: settings.acoustic_courant,
+                alpha: settings.alpha,
                 damping: settings.acoustic_damping,
                 diffusion: settings.diffusion,
                 shifting: settings.shifting,
@@ -274,8 +275,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
 pub(super) struct DeltaFlux {
     /// `δ`, dimensionless.
     pub delta: f64,
-    /// `α`, dimensionless.
-    pub alpha: f64,
     /// `c0`, m/s.
     pub sound: f64,
     /// `ρ0`, kg/m³.
@@ -295,7 +294,6 @@ impl DeltaFlux {
     pub fn of(settings: &DeltaSphSettings, rest: f64, viscosity: f64) -> Self {
         Self {
             delta: settings.delta,
-            alpha: settings.alpha,
             // The speed of sound is known when the particles are.
             sound: 0.0,
             rest,
@@ -304,6 +302,21 @@ impl DeltaFlux {
             wall_pulls: settings.wall_suction == WallSuction::Full,
             switch: settings.tensile_control == TensileControl::Switch,
         }
+    }
+}
+
+/// Most that fluid and wall press each other with, over the pressure of the wall: in liquid at rest the wall's uppermost row, half a spacing deep,
+/// reaches fluid up to three and a half deep, four times that together.
+const MOST_AT_WALL: f64 = 8.0;
+
+impl DeltaFlux {
+    /// What fluid and a wall press each other with: the sum of their pressures, Pa; not below zero where walls cannot pull, and nothing from a wall
+    /// without pressure. Of a wall beside liquid that is the part above the waterline. On the other side of a particle there is no liquid either: the
+    /// wall alone would push it off.
+    #[inline(always)]
+    pub fn pressed<L: Real>(self, fluid: L, wall: L) -> L {
+        let sum = fluid + wall;
+        if self.wall_pulls { sum } else { sum.at_most(wall * MOST_AT_WALL).at_least(L::splat(0.0)) }
     }
 }
 
@@ -321,22 +334,11 @@ impl<const D: usize> Flux<D> for DeltaFlux {
     #[inline(always)]
     fn force<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>) -> [L; D] {
         let nothing = L::splat(0.0);
-        let v_ab = difference(&a.v, &b.v);
-        let pressure = a.own + b.pressure;
-        let pressed = if self.wall_pulls { pressure } else { L::choose(pair.wall, pressure.at_least(nothing), pressure) };
-        let mut along = -pressed;
-        if self.alpha > 0.0 {
-            let approach = dot(&v_ab, &pair.x_ab) / (pair.square + pair.h * pair.h * 0.01);
-            // What the fluid's own viscosity leaves to do.
-            let own = 2.0 * (D as f64 + 2.0) * self.viscosity;
-            let strength = (pair.h * (self.alpha * self.sound * self.rest) - own).at_least(nothing);
-            along = along + L::choose(pair.wall, nothing, approach * strength);
-        }
-        let mut force = [nothing; D];
-        add_scaled(&mut force, along, &pair.x_ab);
+        let pressed = L::choose(pair.wall, self.pressed(a.own, b.pressure), a.own + b.pressure);
+        let mut force = scaled(-pressed, &pair.x_ab);
         if self.viscosity > 0.0 {
             let twice = L::splat(2.0 * self.viscosity);
-            add_scaled(&mut force, if self.rubs { twice } else { L::choose(pair.wall, nothing, twice) }, &v_ab);
+            add_scaled(&mut force, if self.rubs { twice } else { L::choose(pair.wall, nothing, twice) }, &difference(&a.v, &b.v));
         }
         force
     }

@@ -185,7 +185,8 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         domain.refresh_column(&mut stretch[..p.len()]);
         flow.damping.resize(owned, Vector::ZERO);
         if flow.lacking(p.h_max(), flow.speed(p)) > 0.0 {
-            sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: &stretch, half_over_rest: 0.5 / rest });
+            let of = |a: usize, i: usize, j| stretch[a][i][j];
+            sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: of, half_over_rest: 0.5 / rest, h: &p.h });
         }
         flow.stretch = stretch;
         flow.parts.find(p, domain, &flow.near);

@@ -309,8 +309,9 @@ impl<const D: usize> Flux<D> for LinearFlux {
         Self { shared: Flux::<D>::with_sound(self.shared, sound) }
     }
 
-    fn walls_pull(self) -> bool {
-        self.shared.wall_pulls
+    fn share_at_wall(self, fluid: f64, wall: f64) -> f64 {
+        let pressed: f64 = self.shared.pressed(fluid, wall);
+        if pressed == 0.0 { 0.0 } else { pressed / (fluid + wall) }
     }
 
     #[inline(always)]

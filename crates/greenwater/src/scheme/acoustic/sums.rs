@@ -1,6 +1,6 @@
 //! The sums over pairs of a step: what is done to each row of particles, and the terms, eight neighbours at a time.
 
-use super::{Between, Bulk, Flux, Place, Plan, Shift, Side, dilated};
+use super::{Between, Bulk, Flux, Place, Plan, Shift, Side, Stretch, dilated};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes, Real, Record, Rows};
 use crate::math::Vector;
@@ -19,8 +19,8 @@ use crate::walls::dummy::WallSuction;
 /// between the two outermost rows of a flat surface (Lee et al. 2008, with the threshold from the lattice), or where its neighbours are
 /// as one-sided as beside a void: that is a surface, too, and shifting must not fill it.
 ///
-/// Writes positions, normals out of the fluid (zero off the surface) and densities; and, where the pull will stand, the rate of strain `√(D:D)`, 1/s, of
-/// `∇v = Σ V_b (v_b − v_a) ⊗ ∇_a W_ab`, which a free surface makes too small by what it cuts off.
+/// Writes positions, normals out of the fluid (zero off the surface) and densities; and how the fluid stretches: the symmetric part of the
+/// renormalised gradient of its velocity, over fluid alone, zero where neighbours are too few.
 pub(super) struct Looking<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// `1/ρ0`, m³/kg.
@@ -34,11 +34,12 @@ pub(super) struct Looking<'a, K, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, const D: usize> Rows<Record, Bulk> for Looking<'_, K, D> {
+impl<K: Kernel<D>, const D: usize> Rows<Record, Stretch<D>> for Looking<'_, K, D> {
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, next: &mut Record, bulk: &mut Bulk) {
+    fn row<L: Lanes>(&self, a: usize, next: &mut Record, stretch: &mut Stretch<D>) {
         let own = self.pairs.records[a];
         let x = own.x();
+        *stretch = [[0.0; D]; D];
         if self.kind[a] != Kind::Fluid {
             *next = record::<D>(x, Vector::ZERO, self.density[a], self.mass[a], true);
             return;
@@ -47,7 +48,10 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Bulk> for Looking<'_, K, D> {
         let found = self.pairs.near.sum(a, self.pairs.records, &around);
         let scale = self.scale * around.reach.slope_scale();
         let (concentration, filled) = (scale * totals(found.concentration), -scale * found.filled.total());
-        bulk.pull = strain_rate(&tensor(-scale, found.change));
+        if let Some(correction) = renormalisation(&symmetric(-scale, found.moments)) {
+            let change: Tensor<D> = tensor(-scale, found.change).map(|row| contract(&correction, row));
+            *stretch = std::array::from_fn(|i| std::array::from_fn(|j| (0.5 * (change[i][j] + change[j][i])) as f32));
+        }
         let length = concentration.norm();
         // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
         let normal = match () {
@@ -65,8 +69,10 @@ struct Surroundings<L, const D: usize> {
     concentration: [L; D],
     /// `Σ m x_ab·∇W`.
     filled: L,
-    /// `Σ m v_ab ⊗ ∇W`.
+    /// `Σ m v_ab ⊗ ∇W` over fluid.
     change: [[L; D]; D],
+    /// `Σ m x_ab ⊗ ∇W` over fluid, on the diagonal and right of it.
+    moments: [[L; D]; D],
 }
 
 struct Around<'a, K, L, const D: usize> {
@@ -80,7 +86,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
     #[inline(always)]
     fn nothing(&self) -> Surroundings<L, D> {
         let nothing = [L::splat(0.0); D];
-        Surroundings { concentration: nothing, filled: L::splat(0.0), change: [nothing; D] }
+        Surroundings { concentration: nothing, filled: L::splat(0.0), change: [nothing; D], moments: [nothing; D] }
     }
 
     #[inline(always)]
@@ -89,9 +95,12 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
         let dw = b.mass * self.reach.slope(octet);
         add_scaled(&mut totals.concentration, dw, &octet.x_ab);
         totals.filled = dw.times_plus(octet.square, totals.filled);
-        let v_ab = difference(&self.v, &b.v);
+        let (fluid, v_ab) = (L::choose(b.wall, L::splat(0.0), dw), difference(&self.v, &b.v));
         for i in 0..D {
-            add_scaled(&mut totals.change[i], dw * v_ab[i], &octet.x_ab);
+            add_scaled(&mut totals.change[i], fluid * v_ab[i], &octet.x_ab);
+            for j in i..D {
+                totals.moments[i][j] = (fluid * octet.x_ab[i]).times_plus(octet.x_ab[j], totals.moments[i][j]);
+            }
         }
     }
 }
@@ -107,8 +116,7 @@ pub(super) struct Shifting<'a, K, const D: usize> {
     pub scale: f64,
     pub plan: &'a Plan,
     pub spacing: f64,
-    /// Whose pull is the rate of strain, 1/s.
-    pub bulk: &'a [Bulk],
+    pub stretch: &'a [Stretch<D>],
     /// Greatest speed, m/s.
     pub fastest: f64,
     pub dt: f64,
@@ -131,7 +139,7 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
                 self.shifted(
                     &own,
                     self.h[a],
-                    self.bulk[a].pull,
+                    strain_rate(&self.stretch[a]),
                     [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale],
                     found,
                 )
@@ -227,6 +235,19 @@ fn tensor<L: Lanes, const D: usize>(scale: f64, rows: [[L; D]; D]) -> Tensor<D> 
     tensor
 }
 
+/// As [`tensor`], from the diagonal and what is right of it.
+#[inline(always)]
+fn symmetric<L: Lanes, const D: usize>(scale: f64, rows: [[L; D]; D]) -> Tensor<D> {
+    let mut tensor = [Vector::ZERO; D];
+    for i in 0..D {
+        for j in i..D {
+            tensor[i][j] = scale * rows[i][j].total();
+            tensor[j][i] = tensor[i][j];
+        }
+    }
+    tensor
+}
+
 /// `moments += x_ab ⊗ dw x_ab`.
 #[inline(always)]
 fn add_moments<L: Real, const D: usize>(moments: &mut [[L; D]; D], dw: L, x_ab: &[L; D]) {
@@ -302,6 +323,8 @@ pub(super) struct Kick<'a, K, F, const D: usize> {
     pub linear: &'a [LinearKernel<D>],
     pub place: &'a [Place],
     pub bulk: &'a [Bulk],
+    /// Acceleration that stays over the step, m/s².
+    pub steady: &'a [Vector<D>],
     pub state: EquationOfState,
     pub gravity: Vector<D>,
     /// `Δt` of velocities and of positions, s; share of the step in the mean force on walls.
@@ -320,7 +343,7 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<
         match self.kind[a] {
             Kind::Fluid => {
                 let push = if F::LINEAR { self.linear_push(a) } else { self.push::<L>(a, &now) };
-                let v = now.v() + dt * (push + self.gravity);
+                let v = now.v() + dt * (push + self.steady[a] + self.gravity);
                 *next = record(now.x() + drift * v, v, self.bulk[a].density, self.mass[a], false);
             }
             Kind::Wall => {
@@ -381,9 +404,12 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Kick<'_, K, F, D> {
             let between = Between { wall, ..pair.between };
             let rubbing = if fluid { self.flux.force(own, other, between) } else { self.flux.force(other, own, between.turned()) };
             let mut force = self.scale(pair.dw) * if fluid { Vector(rubbing) } else { -Vector(rubbing) };
-            if !wall || self.flux.walls_pull() || own.pressure + other.pressure > 0.0 {
-                force -= (own.pressure * pair.grad[0] - other.pressure * pair.grad[1]) / (self.state.rest * self.state.rest);
-            }
+            let share = match (wall, fluid) {
+                (false, _) => 1.0,
+                (true, true) => self.flux.share_at_wall(own.pressure, other.pressure),
+                (true, false) => self.flux.share_at_wall(other.pressure, own.pressure),
+            };
+            force -= share * (own.pressure * pair.grad[0] - other.pressure * pair.grad[1]) / (self.state.rest * self.state.rest);
             sum += mass * force;
         }
         sum
