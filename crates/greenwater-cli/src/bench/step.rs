@@ -141,12 +141,12 @@ fn time<const D: usize>(
 /// The plain loop on these particles.
 fn twin<const D: usize>(setup: &Setup<D>, p: &Particles<D>, plan: &Plan) -> Result<Twin, BenchError> {
     let h = setup.smoothing_length;
-    let (alpha, delta, factor) = match &setup.method {
-        MethodSettings::DeltaSph(s) => (s.alpha, s.delta, s.sound_factor),
-        _ => (0.0, 0.0, 10.0),
+    let (delta, factor) = match &setup.method {
+        MethodSettings::DeltaSph(s) => (s.delta, s.sound_factor),
+        _ => (0.0, 10.0),
     };
     let sound = factor * 2.0 * (setup.gravity.norm() * setup.depth).sqrt();
-    let constants = Constants { h, sound, rest: setup.rest_density, alpha, delta, gravity: setup.gravity, slope: 1.0 };
+    let constants = Constants { h, sound, rest: setup.rest_density, delta, gravity: setup.gravity, slope: 1.0 };
     let reach = Kernel::<D>::radius(WendlandC2) * h;
     let plan = Plan { repeats: plan.repeats.min(3), ..plan.clone() };
     let mut list = List::default();

@@ -6,8 +6,10 @@ use crate::lanes::{LANES, Lanes, Rows};
 use crate::math::Vector;
 use crate::neighbors::{Octet, Term};
 
-/// `Σ f d_ab x_ab/r²` over fluid, 1/(m s), with `f_ab = −V W'/r`, of the approach `d_ab = v_ab·x_ab < 0` of each pair less what the stretching of the
+/// `Σ ν V_b d_ab ∇_a W_ab/r²` over fluid, of the approach `d_ab = v_ab·x_ab < 0` of each pair less what the stretching of the
 /// flow at both its ends explains: the harmonic mean of `x_ab·S_a·x_ab` and `x_ab·S_b·x_ab` where both are approaches, too, and `d_ab` at the most.
+///
+/// `ν` is `strength[0] h − strength[1]` of the mean smoothing length of the pair, m²/s, and not below zero; the sum is in m/s².
 ///
 /// A flow that is linear around a pair is not damped; the tremor of particles and the clash of two streams are, as before. Equal and opposite in a
 /// pair, along the line between its particles, and never against their parting: momentum is conserved, energy only lost. Source: the artificial viscosity
@@ -18,8 +20,10 @@ pub(crate) struct Damping<'a, K, S, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// Entry `i`, `j` of `S`, the symmetric part of `∇v`, 1/s, of each particle; zero for nobody.
     pub stretch: S,
-    /// `1/(2 ρ0)`, m³/kg.
-    pub half_over_rest: f64,
+    /// `1/ρ0`, m³/kg.
+    pub scale: f64,
+    /// m/s and m²/s.
+    pub strength: [f64; 2],
     /// Smoothing lengths, m.
     pub h: &'a [f64],
 }
@@ -31,16 +35,16 @@ impl<K: Kernel<D>, S: Fn(usize, usize, usize) -> f64 + Sync, const D: usize> Row
         *out = Vector::ZERO;
         if !own.is_wall::<D>() {
             let reach = self.pairs.reach::<L>(self.h[a]);
-            let term = Approach { reach, mass: L::splat(own.mass::<D>()), v: splat(own.v()), a, stretch: &self.stretch };
-            *out = -(self.half_over_rest * reach.slope_scale()) * totals(self.pairs.near.sum(a, self.pairs.records, &term));
+            let term = Approach { reach, strength: self.strength, v: splat(own.v()), a, stretch: &self.stretch };
+            *out = self.scale * reach.slope_scale() * totals(self.pairs.near.sum(a, self.pairs.records, &term));
         }
     }
 }
 
-/// `(m_a + m_b) d_ab x_ab/r²`, times `W'/r` on the scale of the particle.
+/// `ν m_b d_ab x_ab/r²`, times `W'/r` on the scale of the particle.
 struct Approach<'a, K, S, L, const D: usize> {
     reach: Reach<'a, K, L>,
-    mass: L,
+    strength: [f64; 2],
     v: [L; D],
     a: usize,
     stretch: &'a S,
@@ -75,7 +79,8 @@ impl<K: Kernel<D>, S: Fn(usize, usize, usize) -> f64, L: Lanes, const D: usize> 
         let explained = (here * there * 2.0 / (here + there).at_most(L::splat(-f64::MIN_POSITIVE))).at_least(approach);
         // Between fluid only; nothing comes of particles at one place.
         let square = octet.square.at_least(L::splat(f64::MIN_POSITIVE));
-        let mass = L::choose(b.wall, nothing, self.mass + b.mass);
+        let strength = (self.reach.lengths(octet.rows) * self.strength[0] - self.strength[1]).at_least(nothing);
+        let mass = L::choose(b.wall, nothing, b.mass * strength);
         add_scaled(totals, mass * self.reach.slope(octet) * (approach - explained) / square, x);
     }
 }
@@ -106,7 +111,7 @@ mod tests {
         let set = InstructionSet::of_this_machine();
         let pairs = Pairs { set, kernel: WendlandC2, near: &near, records: &records, lengths: None };
         let mut out = vec![Vector::ZERO; p.len()];
-        sweep_lanes(set, &mut out, &Damping { pairs, stretch: |_, i: usize, j| stretch[i][j], half_over_rest: 0.5, h: &p.h });
+        sweep_lanes(set, &mut out, &Damping { pairs, stretch: |_, i: usize, j| stretch[i][j], scale: 1.0, strength: [0.0, -1.0], h: &p.h });
         (out, p.x.clone())
     }
 
@@ -132,8 +137,7 @@ mod tests {
         let (damping, x) = damped(flow, [Vector([-0.3, 0.0]), Vector::ZERO]);
         let sum = damping.iter().fold(Vector::ZERO, |sum, &d| sum + d);
         assert!(sum.norm() < 1e-12, "{sum:?}");
-        // The sum is taken off: it points along the velocity.
         let power: f64 = damping.iter().zip(&x).map(|(d, &x)| d.dot(flow(x))).sum();
-        assert!(power > 1.0, "{power}");
+        assert!(power < -1.0, "{power}");
     }
 }

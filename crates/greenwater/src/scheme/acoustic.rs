@@ -407,16 +407,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// Artificial viscosity between the velocities in `middle`: `α h c0 Σ_b V_b d_ab ∇_a W_ab/r²`, with what a linear flow explains of the approach
     /// `d_ab` left out (see [`Damping`]), and of `α h c0` what the viscosity `2 (D + 2) ν` of the fluid does.
     fn damp(&mut self, p: &Particles<D>) {
-        let lacking = |h: f64| {
-            let own = 2.0 * (D as f64 + 2.0) * self.medium.viscosity / self.plan.state.rest;
-            (self.plan.alpha * h * self.plan.state.sound - own).max(0.0)
-        };
+        let own = 2.0 * (D as f64 + 2.0) * self.medium.viscosity / self.plan.state.rest;
+        let strength = [self.plan.alpha * self.plan.state.sound, own];
         let mut steady = std::mem::take(&mut self.steady);
-        if lacking(p.h_max()) > 0.0 {
-            let stretch = |a: usize, i: usize, j: usize| f64::from(self.stretch[a][i][j]);
-            let half_over_rest = 0.5 * self.volume_scale();
-            sweep_lanes(self.set, &mut steady, &Damping { pairs: self.pairs(&self.middle), stretch, half_over_rest, h: &p.h });
-            update(&mut steady, |a, steady| *steady = -lacking(p.h[a]) * *steady);
+        if strength[0] * p.h_max() > own {
+            let (pairs, stretch) = (self.pairs(&self.middle), |a: usize, i: usize, j: usize| f64::from(self.stretch[a][i][j]));
+            sweep_lanes(self.set, &mut steady, &Damping { pairs, stretch, scale: self.volume_scale(), strength, h: &p.h });
         } else {
             steady.fill(Vector::ZERO);
         }
@@ -436,7 +432,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let finding = Finding { pairs, place: &self.place, spacing, gravity, acceleration: &p.acceleration, h: &p.h };
         sweep_lanes(self.set, &mut beneath[..owned], &finding);
         domain.refresh_column(&mut beneath[..p.len()]);
-        let images = Images { pairs, scale: self.volume_scale(), beneath: &beneath, h: &p.h };
+        let images = Images { pairs, scale: self.volume_scale(), beneath: &beneath, place: &self.place, h: &p.h };
         sweep_lanes(self.set, &mut steady, &images);
         (self.stretch, self.steady) = (beneath, steady);
     }

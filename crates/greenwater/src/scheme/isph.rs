@@ -186,7 +186,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         flow.damping.resize(owned, Vector::ZERO);
         if flow.lacking(p.h_max(), flow.speed(p)) > 0.0 {
             let of = |a: usize, i: usize, j| stretch[a][i][j];
-            sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: of, half_over_rest: 0.5 / rest, h: &p.h });
+            sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: of, scale: 1.0 / rest, strength: [0.0, -1.0], h: &p.h });
         }
         flow.stretch = stretch;
         flow.parts.find(p, domain, &flow.near);
@@ -266,7 +266,7 @@ impl<const D: usize> Flow<D> {
         let nu = self.diffusivity() / if surrounded { at.spread } else { 1.0 };
         let numerical = 2.0 * (D as f64 + 2.0) * self.lacking(self.near.h(a), speed);
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
-        let mut total = -numerical * self.damping[a];
+        let mut total = numerical * self.damping[a];
         if nu == 0.0 {
             return total;
         }

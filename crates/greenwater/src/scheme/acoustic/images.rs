@@ -12,7 +12,7 @@ use crate::lanes::{LANES, Lanes, Rows};
 use crate::math::Vector;
 use crate::neighbors::{Octet, Term};
 use crate::physics::arrangement::across;
-use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, dot, splat, totals};
+use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, dot, scaled, splat, totals};
 
 /// What a particle near the surface knows of it: its unit normal, the depth under it, m, and how the pressure rises towards it over the density,
 /// m/s². Zero elsewhere.
@@ -145,35 +145,99 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
 }
 
 /// Adds to accelerations, m/s², what images do: `Σ_b V_b (p_a − p_b)/ρ0 (W'/r)(r') (d_a + d_b) n`, `r'` from the image, with the mean normal and
-/// rise of pressure of both; none between surfaces that face different ways. Walls go on like the fluid beside them.
+/// rise of pressure of both; none between surfaces that face different ways. Walls have no surface of their own: they go on like the fluid beside
+/// them, and bear what they do to it.
 pub(super) struct Images<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// `1/ρ0` for masses, m³/kg.
     pub scale: f64,
     /// What [`Finding`] found.
     pub beneath: &'a [Stretch<D>],
+    pub place: &'a [Place],
     pub h: &'a [f64],
 }
 
 impl<K: Kernel<D>, const D: usize> Rows<Vector<D>> for Images<'_, K, D> {
     #[inline(always)]
     fn row<L: Lanes>(&self, a: usize, acceleration: &mut Vector<D>, _: &mut ()) {
-        let own = Beneath::of(&self.beneath[a]);
-        if own.depth > 0.0 {
-            let reach = self.pairs.reach::<L>(self.h[a]);
-            let [depth, rise] = [own.depth, own.rise].map(L::splat);
-            let term = Image { reach, normal: splat(own.normal), depth, rise, beneath: self.beneath };
-            *acceleration += self.scale * reach.slope_scale() * totals(self.pairs.near.sum(a, self.pairs.records, &term));
-        }
+        let (own, reach) = (Beneath::of(&self.beneath[a]), self.pairs.reach::<L>(self.h[a]));
+        let sum = if own.depth > 0.0 {
+            let own = Under { normal: splat(own.normal), depth: L::splat(own.depth), rise: L::splat(own.rise) };
+            totals(self.pairs.near.sum(a, self.pairs.records, &Image { reach, own, beneath: self.beneath }))
+        } else if self.place[a] == Place::Wet {
+            totals(self.pairs.near.sum(a, self.pairs.records, &ImageAtWall { reach, beneath: self.beneath }))
+        } else {
+            return;
+        };
+        *acceleration += self.scale * reach.slope_scale() * sum;
     }
 }
 
-/// `m_b (p_a − p_b)/ρ0 (d_a + d_b) n`, times `W'/r` of the image on the scale of the particle.
-struct Image<'a, K, L, const D: usize> {
-    reach: Reach<'a, K, L>,
+/// [`Beneath`] of eight particles.
+#[derive(Clone, Copy)]
+struct Under<L, const D: usize> {
     normal: [L; D],
     depth: L,
     rise: L,
+}
+
+impl<L: Lanes, const D: usize> Under<L, D> {
+    #[inline(always)]
+    fn of(beneath: &[Stretch<D>], rows: &[u32; LANES]) -> Self {
+        let (mut normals, mut depths, mut rises) = ([[0.0; LANES]; D], [0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            let it = Beneath::of(&beneath[rows[lane] as usize]);
+            (depths[lane], rises[lane]) = (it.depth, it.rise);
+            for d in 0..D {
+                normals[d][lane] = it.normal[d];
+            }
+        }
+        let mut normal = [L::splat(0.0); D];
+        for d in 0..D {
+            normal[d] = L::from_array(normals[d]);
+        }
+        Self { normal, depth: L::from_array(depths), rise: L::from_array(rises) }
+    }
+
+    /// That of a wall beside these particles, `x` from it to them, m.
+    #[inline(always)]
+    fn of_wall(self, x: &[L; D]) -> Self {
+        Self { depth: (dot(x, &self.normal) + self.depth).at_least(L::splat(0.0)), ..self }
+    }
+}
+
+/// `(p_a − p_b)/ρ0 (d_a + d_b) n`, times `W'/r` of the image on the scale of the particle; `x_ab` from `b`.
+#[inline(always)]
+fn push<K: Kernel<D>, L: Lanes, const D: usize>(
+    reach: &Reach<'_, K, L>,
+    octet: &Octet<'_, L, D>,
+    x_ab: &[L; D],
+    a: Under<L, D>,
+    b: Under<L, D>,
+) -> [L; D] {
+    let nothing = L::splat(0.0);
+    let mut twice = a.normal;
+    for d in 0..D {
+        twice[d] = twice[d] + b.normal[d];
+    }
+    let facing = dot(&a.normal, &b.normal);
+    // |n_a + n_b|² = 2 (1 + n_a·n_b).
+    let length = (facing * 2.0 + 2.0).at_least(L::splat(1.0)).root();
+    let (between, up) = (a.depth + b.depth, dot(x_ab, &twice) / length);
+    let from_image = (octet.square - up * up + between * between).at_least(nothing).root();
+    let push = (a.rise + b.rise) * 0.5 * up * between / length * reach.slope_at(from_image, octet.rows);
+    // Off the surface depths are zero.
+    let near = L::choose(nothing.below(a.depth), L::choose(nothing.below(b.depth), push, nothing), nothing);
+    scaled(L::choose(L::splat(FACING).below(facing), near, nothing), &twice)
+}
+
+/// Least cosine between normals of one surface.
+const FACING: f64 = 0.5;
+
+/// What images do to fluid, over its mass.
+struct Image<'a, K, L, const D: usize> {
+    reach: Reach<'a, K, L>,
+    own: Under<L, D>,
     beneath: &'a [Stretch<D>],
 }
 
@@ -187,34 +251,40 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Image<'_, K, L, D> {
 
     #[inline(always)]
     fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
-        let nothing = L::splat(0.0);
         let b = Seen::<L, D>::of(&octet.fields);
-        let (mut normals, mut depths, mut rises) = ([[0.0; LANES]; D], [0.0; LANES], [0.0; LANES]);
-        for lane in 0..LANES {
-            let other = Beneath::of(&self.beneath[octet.rows[lane] as usize]);
-            (depths[lane], rises[lane]) = (other.depth, other.rise);
-            for d in 0..D {
-                normals[d][lane] = other.normal[d];
-            }
-        }
-        // Walls have no surface of their own.
-        let (mut twice, mut facing) = (self.normal, nothing);
+        let (fluid, wall) = (Under::<L, D>::of(self.beneath, octet.rows), self.own.of_wall(&octet.x_ab));
+        let mut other = Under {
+            normal: fluid.normal,
+            depth: L::choose(b.wall, wall.depth, fluid.depth),
+            rise: L::choose(b.wall, wall.rise, fluid.rise),
+        };
         for d in 0..D {
-            let other = L::choose(b.wall, self.normal[d], L::from_array(normals[d]));
-            facing = self.normal[d].times_plus(other, facing);
-            twice[d] = twice[d] + other;
+            other.normal[d] = L::choose(b.wall, wall.normal[d], fluid.normal[d]);
         }
-        let level = dot(&octet.x_ab, &self.normal) + self.depth;
-        let depth = L::choose(b.wall, level.at_least(nothing), L::from_array(depths));
-        let rise = (self.rise + L::choose(b.wall, self.rise, L::from_array(rises))) * 0.5;
-        let between = self.depth + depth;
-        // |n_a + n_b|² = 2 (1 + n_a·n_b).
-        let length = (facing * 2.0 + 2.0).at_least(L::splat(1.0)).root();
-        let up = dot(&octet.x_ab, &twice) / length;
-        let from_image = (octet.square - up * up + between * between).at_least(nothing).root();
-        let push = b.mass * rise * up * between / length * self.reach.slope_at(from_image, octet.rows);
-        // Of particles off the surface the depth is zero.
-        let counts = L::choose(nothing.below(depth), push, nothing);
-        add_scaled(totals, L::choose(L::splat(0.5).below(facing), counts, nothing), &twice);
+        add_scaled(totals, b.mass, &push(&self.reach, octet, &octet.x_ab, self.own, other));
+    }
+}
+
+/// What the images of a wall do to fluid, turned round, over the mass of the wall.
+struct ImageAtWall<'a, K, L, const D: usize> {
+    reach: Reach<'a, K, L>,
+    beneath: &'a [Stretch<D>],
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for ImageAtWall<'_, K, L, D> {
+    type Totals = [L; D];
+
+    #[inline(always)]
+    fn nothing(&self) -> [L; D] {
+        [L::splat(0.0); D]
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let fluid = Under::<L, D>::of(self.beneath, octet.rows);
+        let x = scaled(L::splat(-1.0), &octet.x_ab);
+        let mass = L::choose(b.wall, L::splat(0.0), b.mass);
+        add_scaled(totals, -mass, &push(&self.reach, octet, &x, fluid, fluid.of_wall(&x)));
     }
 }

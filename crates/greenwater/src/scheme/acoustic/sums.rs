@@ -351,7 +351,7 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<
                 *next = record(now.x(), self.v[a], density, self.mass[a], true);
                 if self.place[a] == Place::Wet {
                     let push = if F::LINEAR { self.linear_push(a) } else { self.push_back::<L>(a, &now) };
-                    *force += share * self.mass[a] * push;
+                    *force += share * self.mass[a] * (push + self.steady[a]);
                 }
             }
             Kind::Lost => {}
