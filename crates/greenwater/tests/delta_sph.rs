@@ -98,25 +98,6 @@ fn walls_get_all_the_momentum_that_the_fluid_loses() {
     }
 }
 
-/// Still water on a lattice is in equilibrium, its surface and its waterline included. 1e-5 of `g`: normals and depths are kept in single precision,
-/// the pressure of the start solves its equation to 1e-8.
-fn still_water_is_in_equilibrium<const D: usize>(cells: [i64; D]) {
-    let (p, domain, medium) = pool(cells);
-    let mut simulation = Simulation::new(p, domain, scheme(medium, &water()), &medium, None);
-    simulation.start().unwrap();
-    let p = simulation.particles();
-    for a in (0..p.owned()).filter(|&a| p.is_fluid(a)) {
-        let push = p.acceleration[a];
-        assert!(push.norm() < 1e-5 * medium.g(), "{push:?} at {:?}", p.x[a]);
-    }
-}
-
-#[test]
-fn still_water_on_a_lattice_is_in_equilibrium() {
-    still_water_is_in_equilibrium([10, 8]);
-    still_water_is_in_equilibrium([6, 7, 6]);
-}
-
 /// Fluid at rest with disordered densities: all that changes them is diffusion, and `Σ m dρ/dt` cancels pair by pair.
 #[test]
 fn diffusion_keeps_the_sum_of_mass_times_density() {

@@ -252,20 +252,11 @@ impl<'a, K, L: Lanes> Reach<'a, K, L> {
     where
         K: Kernel<D>,
     {
-        self.slope_at(octet.r, octet.rows)
-    }
-
-    /// The same at other distances `r`, m, from the particles of `rows`.
-    #[inline(always)]
-    pub fn slope_at<const D: usize>(&self, r: L, rows: &[u32; LANES]) -> L
-    where
-        K: Kernel<D>,
-    {
         match self.others {
-            None => self.kernel.slope_over_q(r * self.inverse),
+            None => self.kernel.slope_over_q(octet.r * self.inverse),
             Some(_) => {
-                let h = self.lengths(rows);
-                self.kernel.slope_over_q(r / h) * power(self.h / h, D as u32 + 2)
+                let h = self.lengths(octet.rows);
+                self.kernel.slope_over_q(octet.r / h) * power(self.h / h, D as u32 + 2)
             }
         }
     }

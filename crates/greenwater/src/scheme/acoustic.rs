@@ -2,7 +2,6 @@
 //!
 //! A method brings its pair terms (`Flux`); this file moves the particles.
 
-mod images;
 pub(super) mod relative;
 mod start;
 mod sums;
@@ -11,7 +10,6 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::images::{Finding, Images};
 use self::sums::{DensitySlope, Dilation, Kick, Looking, Shifting};
 use super::before::{Before, follow};
 use super::{Medium, Scheme, StepError, StepReport};
@@ -285,8 +283,8 @@ pub struct Acoustic<K, const D: usize> {
     bulk: Vec<Bulk>,
     /// Of all rows and nobody.
     stretch: Vec<Stretch<D>>,
-    /// Acceleration of fluid that stays over a step, m/s²: by artificial viscosity, and by images beyond the free surface.
-    steady: Vec<Vector<D>>,
+    /// Acceleration by artificial viscosity, m/s².
+    damping: Vec<Vector<D>>,
     before: Before<D>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
     gradient: Vec<Vector<D>>,
@@ -318,7 +316,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             end: Vec::new(),
             bulk: Vec::new(),
             stretch: Vec::new(),
-            steady: Vec::new(),
+            damping: Vec::new(),
             before: Before::default(),
             gradient: Vec::new(),
             linear: Vec::new(),
@@ -377,7 +375,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         }
         self.bulk.resize(p.owned(), Bulk::default());
         self.stretch.resize(rows, [[0.0; D]; D]);
-        self.steady.resize(p.owned(), Vector::ZERO);
+        self.damping.resize(p.owned(), Vector::ZERO);
     }
 
     /// Which particles belong to the free surface, its normal there, and how fluid stretches; leaves positions, normals and
@@ -404,37 +402,19 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         (self.end, self.stretch) = (end, stretch);
     }
 
-    /// Artificial viscosity between the velocities in `middle`: `α h c0 Σ_b V_b d_ab ∇_a W_ab/r²`, with what a linear flow explains of the approach
-    /// `d_ab` left out (see [`Damping`]), and of `α h c0` what the viscosity `2 (D + 2) ν` of the fluid does.
+    /// Artificial viscosity between the velocities in `middle`, once a step: `α h c0 Σ_b V_b d_ab ∇_a W_ab/r²` with what a linear flow explains of the
+    /// approach `d_ab` left out (see [`Damping`]), and of `α h c0` the `2 (D + 2) ν` that the viscosity of the fluid does.
     fn damp(&mut self, p: &Particles<D>) {
         let own = 2.0 * (D as f64 + 2.0) * self.medium.viscosity / self.plan.state.rest;
         let strength = [self.plan.alpha * self.plan.state.sound, own];
-        let mut steady = std::mem::take(&mut self.steady);
+        let mut damping = std::mem::take(&mut self.damping);
         if strength[0] * p.h_max() > own {
             let (pairs, stretch) = (self.pairs(&self.middle), |a: usize, i: usize, j: usize| f64::from(self.stretch[a][i][j]));
-            sweep_lanes(self.set, &mut steady, &Damping { pairs, stretch, scale: self.volume_scale(), strength, h: &p.h });
+            sweep_lanes(self.set, &mut damping, &Damping { pairs, stretch, scale: self.volume_scale(), strength, h: &p.h });
         } else {
-            steady.fill(Vector::ZERO);
+            damping.fill(Vector::ZERO);
         }
-        self.steady = steady;
-    }
-
-    /// What the images of liquid beyond the free surface do, from the accelerations of the last step; takes the room of
-    /// `stretch`, which is needed no more.
-    fn reflect(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
-        if matches!(self.plan.flux, AnyFlux::Linear(_)) {
-            return;
-        }
-        domain.refresh_column(&mut p.acceleration);
-        let (mut beneath, mut steady, owned) = (std::mem::take(&mut self.stretch), std::mem::take(&mut self.steady), p.owned());
-        let (spacing, gravity) = (self.medium.spacing, self.medium.gravity);
-        let pairs = self.pairs(&self.end);
-        let finding = Finding { pairs, place: &self.place, spacing, gravity, acceleration: &p.acceleration, h: &p.h };
-        sweep_lanes(self.set, &mut beneath[..owned], &finding);
-        domain.refresh_column(&mut beneath[..p.len()]);
-        let images = Images { pairs, scale: self.volume_scale(), beneath: &beneath, place: &self.place, h: &p.h };
-        sweep_lanes(self.set, &mut steady, &images);
-        (self.stretch, self.steady) = (beneath, steady);
+        self.damping = damping;
     }
 
     /// Finds who is near the free surface, and how particles are shifted over a step `dt`: not those of the surface, those near it
@@ -521,7 +501,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 linear: &self.linear,
                 place: &self.place,
                 bulk: &self.bulk,
-                steady: &self.steady,
+                damping: &self.damping,
                 state: self.plan.state,
                 gravity: self.medium.gravity,
                 step: [dt, drift, share],
@@ -800,7 +780,6 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         phases.measure("surface", || self.surface(p, domain));
         phases.measure("damping", || self.damp(p));
         phases.measure("shifting", || self.shift(p, domain, dt));
-        phases.measure("surface", || self.reflect(p, domain));
 
         // (2) pressure and density in sound steps of position-Verlet (Zhang, Rezavand & Hu 2020):
         //     x^{n+1/2} = x^n + Δt/2 v^n, ρ^{n+1/2} = ρ^n + Δt/2 (dρ/dt)^n, p^{n+1/2}, the first one here, the others in `dilate`

@@ -61,7 +61,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.closed = closed_density(p, domain);
         self.damp(p);
         self.shift(p, domain, 0.0);
-        self.reflect(p, domain);
         // A step of no length: rates, accelerations and forces of this state.
         self.bulk.fill(Bulk::default());
         self.set_out(p, domain, 0.0);

@@ -323,8 +323,8 @@ pub(super) struct Kick<'a, K, F, const D: usize> {
     pub linear: &'a [LinearKernel<D>],
     pub place: &'a [Place],
     pub bulk: &'a [Bulk],
-    /// Acceleration that stays over the step, m/s².
-    pub steady: &'a [Vector<D>],
+    /// Acceleration by artificial viscosity, m/s².
+    pub damping: &'a [Vector<D>],
     pub state: EquationOfState,
     pub gravity: Vector<D>,
     /// `Δt` of velocities and of positions, s; share of the step in the mean force on walls.
@@ -343,7 +343,7 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<
         match self.kind[a] {
             Kind::Fluid => {
                 let push = if F::LINEAR { self.linear_push(a) } else { self.push::<L>(a, &now) };
-                let v = now.v() + dt * (push + self.steady[a] + self.gravity);
+                let v = now.v() + dt * (push + self.damping[a] + self.gravity);
                 *next = record(now.x() + drift * v, v, self.bulk[a].density, self.mass[a], false);
             }
             Kind::Wall => {
@@ -351,7 +351,7 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<
                 *next = record(now.x(), self.v[a], density, self.mass[a], true);
                 if self.place[a] == Place::Wet {
                     let push = if F::LINEAR { self.linear_push(a) } else { self.push_back::<L>(a, &now) };
-                    *force += share * self.mass[a] * (push + self.steady[a]);
+                    *force += share * self.mass[a] * push;
                 }
             }
             Kind::Lost => {}
