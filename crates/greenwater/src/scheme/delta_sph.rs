@@ -35,7 +35,8 @@ pub struct DeltaSphSettings {
     pub diffusion: Diffusion,
     /// Strength `δ` of density diffusion, dimensionless, >= 0.
     pub delta: f64,
-    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid.
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid, on what of an approach of two particles the
+    /// flow around them does not explain.
     pub alpha: f64,
     /// Strength `α2` of the acoustic damper, dimensionless, >= 0: a bulk viscosity `α2 h c0` (m²/s), which takes energy from sound
     /// alone (Sun, Pilloton, Antuono & Colagrossi 2023).
@@ -183,7 +184,7 @@ impl Settings for DeltaSphSettings {
             ("walls", format!("{walls}, {slip}")),
             ("free surface", format!("sum over neighbours below its value half-way between two rows of the lattice{shifting}")),
             ("linear system", "none".to_owned()),
-            ("work of a step", "four sums over neighbours, and two for each sound step".to_owned()),
+            ("work of a step", "five sums over neighbours, and two for each sound step".to_owned()),
         ]
     }
 
@@ -227,10 +228,11 @@ impl Settings for DeltaSphSettings {
 /// δ-SPH with all its parts; see [`Acoustic`] for those it shares.
 ///
 /// `dρ_a/dt = Σ_b m_b v_ab·∇W_ab + 2 δ h c0 Σ_b (m_b/ρ0) jump_ab x_ab·∇W_ab/r²`,
-/// `dv_a/dt = −Σ_b m_b (p_a + p_b)/ρ0² ∇W_ab + α h c0/ρ0 Σ_b m_b (v_ab·x_ab)/r² ∇W_ab + 2μ/ρ0² Σ_b m_b (W'/r) v_ab + g`.
+/// `dv_a/dt = −Σ_b m_b (p_a + p_b)/ρ0² ∇W_ab + α h c0/ρ0 Σ_b m_b d_ab/r² ∇W_ab + 2μ/ρ0² Σ_b m_b (W'/r) v_ab + g`.
 ///
 /// A particle stands for the volume `m/ρ0` throughout. With `m/ρ` a lattice that starts uncompressed would carry the pressure
 /// `ρ0 g d (ρ/ρ0)²`, 0.5 % too much under a depth `H`; the two differ by the square of the Mach number.
+/// `d_ab` is the approach of a pair less what a linear flow explains of it, once a step (see `physics::damping`).
 /// The pressure in forces has that of the acoustic damper, `−α2 ρ0 c0 h ∇·v`, added away from the free surface.
 /// Every force is equal and opposite in a pair. Diffusion and artificial viscosity act between fluid particles only.
 ///

@@ -31,7 +31,8 @@ pub struct EdacSettings {
     pub pressure_diffusion: f64,
     /// The gradient that the diffusion of pressure leaves alone; `molteni` for none, as printed.
     pub diffusion: Diffusion,
-    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid, on what of an approach of two particles the
+    /// flow around them does not explain.
     pub alpha: f64,
     /// What acts against clumping where the pressure is below zero.
     pub tensile_control: TensileControl,
@@ -90,7 +91,7 @@ impl EdacSettings {
 
 impl Relative for EdacSettings {
     const COST: f64 = 3e-9;
-    const WORK: &'static str = "four sums over neighbours, and two for each sound step";
+    const WORK: &'static str = "five sums over neighbours, and two for each sound step";
 
     fn defaults(preset: Preset) -> Self {
         Self::preset(preset)

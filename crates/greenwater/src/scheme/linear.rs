@@ -31,7 +31,8 @@ pub struct RkpmSettings {
     pub diffusion: Diffusion,
     /// Strength `δ` of density diffusion, dimensionless, >= 0.
     pub delta: f64,
-    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid, on what of an approach of two particles the
+    /// flow around them does not explain.
     pub alpha: f64,
     /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
     pub shifting: f64,
@@ -87,7 +88,7 @@ impl RkpmSettings {
 
 impl Relative for RkpmSettings {
     const COST: f64 = 5e-7;
-    const WORK: &'static str = "four sums over neighbours, and four for each sound step";
+    const WORK: &'static str = "five sums over neighbours, and four for each sound step";
 
     fn defaults(preset: Preset) -> Self {
         Self::preset(preset)
@@ -159,7 +160,8 @@ pub struct MlsphSettings {
     pub diffusion: Diffusion,
     /// Strength `δ` of density diffusion, dimensionless, >= 0.
     pub delta: f64,
-    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s.
+    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid, on what of an approach of two particles the
+    /// flow around them does not explain.
     pub alpha: f64,
     /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
     pub shifting: f64,
@@ -215,7 +217,7 @@ impl MlsphSettings {
 
 impl Relative for MlsphSettings {
     const COST: f64 = 5e-7;
-    const WORK: &'static str = "four sums over neighbours, and four for each sound step";
+    const WORK: &'static str = "five sums over neighbours, and four for each sound step";
 
     fn defaults(preset: Preset) -> Self {
         Self::preset(preset)
