@@ -283,8 +283,6 @@ pub struct Acoustic<K, const D: usize> {
     bulk: Vec<Bulk>,
     /// Of all rows and nobody.
     stretch: Vec<Stretch<D>>,
-    /// Acceleration by artificial viscosity, m/s².
-    damping: Vec<Vector<D>>,
     before: Before<D>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
     gradient: Vec<Vector<D>>,
@@ -316,7 +314,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             end: Vec::new(),
             bulk: Vec::new(),
             stretch: Vec::new(),
-            damping: Vec::new(),
             before: Before::default(),
             gradient: Vec::new(),
             linear: Vec::new(),
@@ -375,7 +372,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         }
         self.bulk.resize(p.owned(), Bulk::default());
         self.stretch.resize(rows, [[0.0; D]; D]);
-        self.damping.resize(p.owned(), Vector::ZERO);
     }
 
     /// Which particles belong to the free surface, its normal there, and how fluid stretches; leaves positions, normals and
@@ -404,17 +400,17 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
 
     /// Artificial viscosity between the velocities in `middle`, once a step: `α h c0 Σ_b V_b d_ab ∇_a W_ab/r²` with what a linear flow explains of the
     /// approach `d_ab` left out (see [`Damping`]), and of `α h c0` the `2 (D + 2) ν` that the viscosity of the fluid does.
-    fn damp(&mut self, p: &Particles<D>) {
+    ///
+    /// The acceleration, m/s², stands where the force on walls does, which fluid has no use for, until [`settle`](Self::settle).
+    fn damp(&self, p: &mut Particles<D>) {
         let own = 2.0 * (D as f64 + 2.0) * self.medium.viscosity / self.plan.state.rest;
         let strength = [self.plan.alpha * self.plan.state.sound, own];
-        let mut damping = std::mem::take(&mut self.damping);
+        p.force.fill(Vector::ZERO);
         if strength[0] * p.h_max() > own {
             let (pairs, stretch) = (self.pairs(&self.middle), |a: usize, i: usize, j: usize| f64::from(self.stretch[a][i][j]));
-            sweep_lanes(self.set, &mut damping, &Damping { pairs, stretch, scale: self.volume_scale(), strength, h: &p.h });
-        } else {
-            damping.fill(Vector::ZERO);
+            let (owned, h) = (p.owned(), &p.h);
+            sweep_lanes(self.set, &mut p.force[..owned], &Damping { pairs, stretch, scale: self.volume_scale(), strength, h });
         }
-        self.damping = damping;
     }
 
     /// Finds who is near the free surface, and how particles are shifted over a step `dt`: not those of the surface, those near it
@@ -456,7 +452,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             *middle = match p.kind[a] {
                 Kind::Fluid => {
                     (bulk.pull, bulk.least) = (pull, least);
-                    bulk.density = dilated(p.density[a] + change, half * bulk.rate, place[a], state.rest);
+                    bulk.density = dilated(p.density[a] + change, half * p.density_rate[a], place[a], state.rest);
                     let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
                     record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressure(&state) + damper, p.mass[a], false)
                 }
@@ -501,7 +497,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 linear: &self.linear,
                 place: &self.place,
                 bulk: &self.bulk,
-                damping: &self.damping,
                 state: self.plan.state,
                 gravity: self.medium.gravity,
                 step: [dt, drift, share],
@@ -556,6 +551,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// density as what a record carries, acceleration as its velocity, rate of density and pressure as the first two numbers.
     fn settle(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (rest, bulk) = (self.plan.state.rest, &self.bulk);
+        let kind = &p.kind;
+        update(&mut p.force, |a, force| *force = if kind[a] == Kind::Fluid { Vector::ZERO } else { *force });
         columns(p, &mut self.middle, &mut self.end).for_each(
             |(block, (kind, x, v, density, pressure, acceleration, rate, middle, end))| {
                 for i in 0..x.len() {
@@ -787,7 +784,6 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         let share = 1.0 / count as f64;
         let half = 0.5 * dt * share;
         phases.measure("motion", || self.set_out(p, domain, half));
-        p.force.fill(Vector::ZERO);
         for sound_step in 1..=count {
             phases.measure("walls", || self.press_walls(p, domain));
             // v^{n+1} = v^n + Δt a^{n+1/2}, x^{n+1} = x^{n+1/2} + Δt/2 v^{n+1}

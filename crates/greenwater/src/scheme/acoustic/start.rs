@@ -65,7 +65,6 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.bulk.fill(Bulk::default());
         self.set_out(p, domain, 0.0);
         self.press_walls(p, domain);
-        p.force.fill(Vector::ZERO);
         self.kick(p, domain, 1.0, 0.0, 1.0);
         for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
             p.acceleration[a] = self.end[a].v() - p.v[a];

@@ -314,7 +314,8 @@ impl<L: Real, const D: usize> Between<L, D> {
     }
 }
 
-/// Forces: on fluid, which they set in motion, and on walls.
+/// Forces: on fluid, which they set in motion, and on walls, where they are added up. Of fluid the second column is the acceleration by artificial
+/// viscosity, m/s².
 pub(super) struct Kick<'a, K, F, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     pub flux: F,
@@ -323,8 +324,6 @@ pub(super) struct Kick<'a, K, F, const D: usize> {
     pub linear: &'a [LinearKernel<D>],
     pub place: &'a [Place],
     pub bulk: &'a [Bulk],
-    /// Acceleration by artificial viscosity, m/s².
-    pub damping: &'a [Vector<D>],
     pub state: EquationOfState,
     pub gravity: Vector<D>,
     /// `Δt` of velocities and of positions, s; share of the step in the mean force on walls.
@@ -343,7 +342,7 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<
         match self.kind[a] {
             Kind::Fluid => {
                 let push = if F::LINEAR { self.linear_push(a) } else { self.push::<L>(a, &now) };
-                let v = now.v() + dt * (push + self.damping[a] + self.gravity);
+                let v = now.v() + dt * (push + *force + self.gravity);
                 *next = record(now.x() + drift * v, v, self.bulk[a].density, self.mass[a], false);
             }
             Kind::Wall => {
