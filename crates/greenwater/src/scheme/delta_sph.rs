@@ -358,6 +358,18 @@ mod tests {
     use crate::kernel::WendlandC2;
     use crate::math::Vector;
 
+    /// Depths in spacings, of a wall particle of the uppermost wet row, of the driest one, and of fluid that reaches them.
+    #[test]
+    fn walls_press_under_water_and_not_above_it() {
+        let walls = DeltaFlux::of(&DeltaSphSettings::preset(Preset::Water), 1000.0, 0.0);
+        for fluid in [0.5, 1.5, 2.5, 3.5] {
+            assert_eq!(walls.pressed(fluid, 0.5), fluid + 0.5);
+            assert_eq!(walls.pressed(fluid, -0.5), 0.0);
+        }
+        assert_eq!(walls.pressed(0.9, 0.1), 0.8, "in between the wall's own pressure decides");
+        assert_eq!(DeltaFlux { wall_pulls: true, ..walls }.pressed(0.5, -2.0), -1.5);
+    }
+
     /// Effective wave number `κ h` and diffusion `λ h²` of the sums of a lattice for the wave vector `k`, 1/spacing: gradients of a wave are
     /// `κ` of it, Brookshaw's Laplacian `−λ`.
     fn symbols<const D: usize>(h: f64, k: Vector<D>) -> [f64; 2] {
