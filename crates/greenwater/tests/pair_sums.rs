@@ -72,8 +72,9 @@ fn by_all_pairs<const D: usize>(p: &Particles<D>, medium: &Medium<D>) -> Vec<(Ve
                 if p.is_fluid(b) {
                     rate += dw * 2.0 * delta * h * SOUND / REST * (p.density[a] - p.density[b] - stays.dot(x_ab));
                 } else {
-                    // A wall does not pull, and without pressure it does not push.
-                    along = along.max(-8.0 * pressure[b]).min(0.0);
+                    // A wall does not pull, and without pressure it pushes less by what a row of liquid weighs.
+                    let row = REST * medium.g() * medium.spacing;
+                    along = along.max((-8.0 * pressure[b]).min(along + row)).min(0.0);
                 }
                 push += dw / (REST * REST) * (along * x_ab + 2.0 * medium.viscosity * (rubbing[a] - rubbing[b]));
                 rate += dw * (p.v[a] - p.v[b]).dot(x_ab);

@@ -94,6 +94,8 @@ pub struct Constants<const D: usize> {
     pub rest: f64,
     /// Density diffusion `δ`.
     pub delta: f64,
+    /// `ρ0 g Δx`, Pa: what a row of particles weighs.
+    pub row: f64,
     /// Gravity, m/s².
     pub gravity: Vector<D>,
     /// Factor of the gradient of the kernel; 1 for the kernel as it is.
@@ -140,8 +142,8 @@ impl<const D: usize> Sums<D> {
                     acceleration += weight * -sum * x_ab;
                     rate += weight * (approach + diffusion * jump);
                 } else {
-                    // Walls do not pull, do not push without pressure, and do not diffuse.
-                    acceleration += weight * -sum.min(8.0 * p.pressure[b]).max(0.0) * x_ab;
+                    // Walls do not pull, push less where they are dry, and do not diffuse.
+                    acceleration += weight * -sum.min((8.0 * p.pressure[b]).max(sum - c.row)).max(0.0) * x_ab;
                     rate += weight * approach;
                 }
             }
@@ -203,7 +205,7 @@ mod tests {
     }
 
     fn constants<const D: usize>(h: f64, slope: f64) -> Constants<D> {
-        Constants { h, sound: 10.0, rest: 1000.0, delta: 0.1, gravity: -9.81 * Vector::unit(D - 1), slope }
+        Constants { h, sound: 10.0, rest: 1000.0, row: 1000.0 * 9.81 * SPACING, delta: 0.1, gravity: -9.81 * Vector::unit(D - 1), slope }
     }
 
     /// The formulas once more, over all pairs, with the library's kernel.
@@ -225,7 +227,7 @@ mod tests {
                 rate += 2.0 * c.delta * c.h * c.sound * p.mass[b] / c.rest * jump * x_ab.dot(grad) / (r * r);
                 acceleration -= p.mass[b] * sum / (c.rest * c.rest) * grad;
             } else {
-                acceleration -= p.mass[b] * sum.min(8.0 * p.pressure[b]).max(0.0) / (c.rest * c.rest) * grad;
+                acceleration -= p.mass[b] * sum.min((8.0 * p.pressure[b]).max(sum - c.row)).max(0.0) / (c.rest * c.rest) * grad;
             }
         }
         (acceleration, rate)

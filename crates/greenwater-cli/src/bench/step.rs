@@ -146,7 +146,8 @@ fn twin<const D: usize>(setup: &Setup<D>, p: &Particles<D>, plan: &Plan) -> Resu
         _ => (0.0, 10.0),
     };
     let sound = factor * 2.0 * (setup.gravity.norm() * setup.depth).sqrt();
-    let constants = Constants { h, sound, rest: setup.rest_density, delta, gravity: setup.gravity, slope: 1.0 };
+    let row = setup.rest_density * setup.gravity.norm() * setup.spacing;
+    let constants = Constants { h, sound, rest: setup.rest_density, row, delta, gravity: setup.gravity, slope: 1.0 };
     let reach = Kernel::<D>::radius(WendlandC2) * h;
     let plan = Plan { repeats: plan.repeats.min(3), ..plan.clone() };
     let mut list = List::default();

@@ -29,6 +29,7 @@ use crate::reduce::sum;
 use crate::sweep::{BLOCK, largest, sweep, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::dummy::{DummyWalls, Liquid, WallPressure, WallSlip, WallSuction};
+use crate::walls::guard::{Guarded, NO_WALL};
 
 use super::delta_sph::DeltaFlux;
 use super::edac::EdacFlux;
@@ -219,7 +220,8 @@ impl<const D: usize> Shift<D> {
     }
 }
 
-/// The symmetric part of the gradient of velocity, 1/s. It serves to tell a flow from a tremor: single precision is plenty.
+/// The symmetric part of the gradient of velocity, 1/s; of walls the normal, in the first row. Both serve to tell one case from another: single
+/// precision is plenty.
 type Stretch<const D: usize> = [[f32; D]; D];
 
 /// What sound changes in a particle of fluid, beside where it is and how it moves.
@@ -249,6 +251,9 @@ impl Bulk {
 /// fastest particles move a quarter of `h`; two that approach each other from farther away than that have a weight below 1 % of
 /// the largest when they are missed, and are missed from both sides.
 const SKIN: f64 = 0.1;
+
+/// Where the guard of walls holds fluid, in spacings off the face.
+const AT_FIRST_LINE: f64 = -0.5;
 
 /// Steps after which particles are numbered anew. The fastest move by a quarter of a smoothing length in a step: by ten neighbourhoods or so
 /// meanwhile, and most far less.
@@ -386,6 +391,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             threshold: self.lattice.surface_threshold() * D as f64,
             gap: p.h_max() * self.lattice.slope_of_gap() / self.lattice.slope_of_linear::<D>(),
             kind: &p.kind,
+            layer: &p.layer,
             density: &p.density,
             mass: &p.mass,
             h: &p.h,
@@ -545,6 +551,34 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         });
         domain.refresh_records(&mut middle);
         (self.middle, self.bulk) = (middle, bulk);
+    }
+
+    /// Sets fluid that came as far as the first line of a wall back on it, and takes its velocity into the wall, which the wall feels. Pressure alone does
+    /// not stop a film whose density has fallen below that at rest: it has a gap to remember. On the face, half a spacing before the line, fluid that rests
+    /// on an oblique wall would be disturbed: its line is a staircase.
+    fn guard(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
+        let (owned, spacing) = (p.owned(), self.medium.spacing);
+        let beside_walls = |a: usize| p.kind[a] == Kind::Fluid && (self.plan.suction == WallSuction::Full || self.bulk[a].least == 0.0);
+        let guarded = |a: usize| {
+            let mut moved = Guarded::moved(self.middle[a].x(), self.middle[a].v());
+            for &b in self.near.of(a) {
+                let normal = Vector(self.stretch[b as usize][0].map(f64::from));
+                let b = b as usize;
+                if p.kind[b] == Kind::Wall && p.layer[b] == 1 && normal != Vector::ZERO {
+                    moved.meet(b as u32, (p.x[b] + dt * p.v[b], p.v[b]), normal, spacing, AT_FIRST_LINE);
+                }
+            }
+            (moved.wall != NO_WALL).then_some((a, moved))
+        };
+        let came_through: Vec<_> = (0..owned).into_par_iter().filter(|&a| beside_walls(a)).filter_map(guarded).collect();
+        for (a, moved) in came_through {
+            self.middle[a].0[..D].copy_from_slice(&moved.x.0);
+            self.middle[a].set_v(moved.v);
+            if dt > 0.0 {
+                p.force[domain.parent(moved.wall as usize, owned)] += p.mass[a] / dt * moved.taken;
+            }
+        }
+        domain.refresh_records(&mut self.middle);
     }
 
     /// Gives `p` the state that the last sound step left in `middle`, and keeps the one before it: `x` and `v` in their places there; in `end`
@@ -793,7 +827,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
             phases.measure("density", || self.dilate(p, domain, half, lead, damping));
         }
 
-        // (3) now and then, density from the neighbourhood
+        // (3) nothing goes through walls; now and then, density from the neighbourhood
+        phases.measure("walls", || self.guard(p, domain, dt));
         phases.measure("density", || self.reset_density(p, domain));
 
         // (4) what others read: the pressure of the density

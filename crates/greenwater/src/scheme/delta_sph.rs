@@ -244,7 +244,7 @@ pub type DeltaSph<K, const D: usize> = Acoustic<K, D>;
 impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// The method `delta-sph` for a fluid, with a kernel and checked parameters.
     pub fn delta_sph(kernel: K, medium: Medium<D>, settings: &DeltaSphSettings) -> Self {
-        let flux = DeltaFlux::of(settings, medium.rest_density, medium.viscosity);
+        let flux = DeltaFlux::of(settings, &medium);
         let sound = settings.reference_speed.map(|speed| settings.sound_factor * speed);
         Self::of(
             kernel,
@@ -283,6 +283,8 @@ pub(super) struct DeltaFlux {
     pub rest: f64,
     /// `μ`, Pa s.
     pub viscosity: f64,
+    /// `ρ0 g Δx`, Pa: what a row of particles weighs.
+    pub row: f64,
     /// Walls enter the viscous force.
     pub rubs: bool,
     /// Walls can pull.
@@ -292,14 +294,15 @@ pub(super) struct DeltaFlux {
 }
 
 impl DeltaFlux {
-    /// The pair terms of a fluid of density `rest`, kg/m³, and viscosity `viscosity`, Pa s.
-    pub fn of(settings: &DeltaSphSettings, rest: f64, viscosity: f64) -> Self {
+    /// The pair terms for a fluid.
+    pub fn of<const D: usize>(settings: &DeltaSphSettings, medium: &Medium<D>) -> Self {
         Self {
             delta: settings.delta,
             // The speed of sound is known when the particles are.
             sound: 0.0,
-            rest,
-            viscosity,
+            rest: medium.rest_density,
+            viscosity: medium.viscosity,
+            row: medium.rest_density * medium.g() * medium.spacing,
             rubs: settings.wall_slip == WallSlip::NoSlip,
             wall_pulls: settings.wall_suction == WallSuction::Full,
             switch: settings.tensile_control == TensileControl::Switch,
@@ -307,18 +310,18 @@ impl DeltaFlux {
     }
 }
 
-/// Most that fluid and wall press each other with, over the pressure of the wall: in liquid at rest the wall's uppermost row, half a spacing deep,
-/// reaches fluid up to three and a half deep, four times that together.
+/// Most that fluid and wall press each other with without fail, over the pressure of the wall: in liquid at rest the wall's uppermost row, half a
+/// spacing deep, reaches fluid up to three and a half deep, four times that together.
 const MOST_AT_WALL: f64 = 8.0;
 
 impl DeltaFlux {
-    /// What fluid and a wall press each other with: the sum of their pressures, Pa; not below zero where walls cannot pull, and nothing from a wall
-    /// without pressure. Of a wall beside liquid that is the part above the waterline. On the other side of a particle there is no liquid either: the
-    /// wall alone would push it off.
+    /// What fluid and a wall press each other with: the sum of their pressures, Pa; not below zero where walls cannot pull. Of a wall with next to no
+    /// pressure what a spacing of liquid weighs is left out. Beside liquid at rest that is the part above the waterline: on the other side of a
+    /// particle there is no liquid, and the wall alone would push it off.
     #[inline(always)]
     pub fn pressed<L: Real>(self, fluid: L, wall: L) -> L {
         let sum = fluid + wall;
-        if self.wall_pulls { sum } else { sum.at_most(wall * MOST_AT_WALL).at_least(L::splat(0.0)) }
+        if self.wall_pulls { sum } else { sum.at_most((wall * MOST_AT_WALL).at_least(sum - self.row)).at_least(L::splat(0.0)) }
     }
 }
 
@@ -358,15 +361,19 @@ mod tests {
     use crate::kernel::WendlandC2;
     use crate::math::Vector;
 
-    /// Depths in spacings, of a wall particle of the uppermost wet row, of the driest one, and of fluid that reaches them.
+    /// Pressures over that of a row: depths in spacings of a wall particle in the uppermost wet row, of one in the row above, and of fluid that reaches
+    /// them.
     #[test]
     fn walls_press_under_water_and_not_above_it() {
-        let walls = DeltaFlux::of(&DeltaSphSettings::preset(Preset::Water), 1000.0, 0.0);
+        let wall_pulls = false;
+        let walls = DeltaFlux { delta: 0.1, sound: 20.0, rest: 1000.0, viscosity: 0.0, row: 1.0, rubs: true, wall_pulls, switch: false };
         for fluid in [0.5, 1.5, 2.5, 3.5] {
             assert_eq!(walls.pressed(fluid, 0.5), fluid + 0.5);
-            assert_eq!(walls.pressed(fluid, -0.5), 0.0);
         }
+        // A surface row that stands half a spacing deeper than it is.
+        assert_eq!(walls.pressed(1.0, -0.5), 0.0);
         assert_eq!(walls.pressed(0.9, 0.1), 0.8, "in between the wall's own pressure decides");
+        assert_eq!(walls.pressed(50.0, -0.5), 48.5, "fluid that comes at a dry wall is stopped");
         assert_eq!(DeltaFlux { wall_pulls: true, ..walls }.pressed(0.5, -2.0), -1.5);
     }
 

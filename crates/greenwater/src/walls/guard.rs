@@ -7,6 +7,9 @@ use crate::particles::Particles;
 use crate::reduce::sum;
 use crate::sweep::update;
 
+/// What stands for the row of a wall particle where there is none.
+pub const NO_WALL: u32 = u32::MAX;
+
 /// A fluid particle after its move, and what walls did to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guarded<const D: usize> {
@@ -16,22 +19,43 @@ pub struct Guarded<const D: usize> {
     pub v: Vector<D>,
     /// Velocity that walls took, m/s.
     pub taken: Vector<D>,
-    /// Row of the wall particle that took it last; `u32::MAX` for none.
+    /// Row of the wall particle that took it last; [`NO_WALL`] for none.
     pub wall: u32,
 }
 
 impl<const D: usize> Default for Guarded<D> {
     fn default() -> Self {
-        Self { x: Vector::ZERO, v: Vector::ZERO, taken: Vector::ZERO, wall: u32::MAX }
+        Self { x: Vector::ZERO, v: Vector::ZERO, taken: Vector::ZERO, wall: NO_WALL }
     }
 }
 
 /// How near a wall fluid may come, in spacings off its face, which lies half a spacing before its first line.
 const GAP: f64 = 0.2;
 
-/// Fluid particle `a` moved to `x` with velocity `v`, but kept a fifth of a spacing off the face of walls; there it loses its
-/// velocity into the wall. `normals` are those of first-line wall particles, zero for all others. One more than a spacing behind the
-/// first line is on the far side and stays.
+impl<const D: usize> Guarded<D> {
+    /// A particle moved to `x`, m, with the velocity `v`, m/s.
+    pub fn moved(x: Vector<D>, v: Vector<D>) -> Self {
+        Self { x, v, ..Self::default() }
+    }
+
+    /// Meets the first-line wall particle in row `wall`, which is at `x` and moves with `v` after the step: kept `gap` spacings off its face, of the unit
+    /// normal `normal`, where it loses its velocity into the wall. One more than a spacing behind the first line is on the far side and stays.
+    #[inline]
+    pub fn meet(&mut self, wall: u32, (x, v): (Vector<D>, Vector<D>), normal: Vector<D>, spacing: f64, gap: f64) {
+        let (off, least) = (self.x - x, (0.5 + gap) * spacing);
+        let height = off.dot(normal);
+        if height < least && height > -spacing && (off - height * normal).norm() <= spacing {
+            self.x += (least - height) * normal;
+            let taken = (self.v - v).dot(normal).min(0.0) * normal;
+            self.v -= taken;
+            self.taken += taken;
+            self.wall = wall;
+        }
+    }
+}
+
+/// Fluid particle `a` moved to `x` with velocity `v`, but kept a fifth of a spacing off the face of walls, see [`meet`](Guarded::meet). `normals` are those
+/// of first-line wall particles, zero for all others.
 pub fn set_back<const D: usize>(
     near: &Neighbors<D>,
     p: &Particles<D>,
@@ -40,21 +64,11 @@ pub fn set_back<const D: usize>(
     a: usize,
     (x, v): (Vector<D>, Vector<D>),
 ) -> Guarded<D> {
-    let least = (0.5 + GAP) * spacing;
-    let mut moved = Guarded { x, v, ..Guarded::default() };
+    let mut moved = Guarded::moved(x, v);
     near.for_each(a, |pair| {
         let b = pair.b;
-        let normal = normals[b];
-        if p.layer[b] == 1 && normal != Vector::ZERO {
-            let off = moved.x - near.x(b) - dt * p.v[b];
-            let height = off.dot(normal);
-            if height < least && height > -spacing && (off - height * normal).norm() <= spacing {
-                moved.x += (least - height) * normal;
-                let taken = (moved.v - p.v[b]).dot(normal).min(0.0) * normal;
-                moved.v -= taken;
-                moved.taken += taken;
-                moved.wall = b as u32;
-            }
+        if p.layer[b] == 1 && normals[b] != Vector::ZERO {
+            moved.meet(b as u32, (near.x(b) + dt * p.v[b], p.v[b]), normals[b], spacing, GAP);
         }
     });
     moved
@@ -73,7 +87,7 @@ pub fn force_of_set_back<const D: usize>(
     near.for_each(a, |pair| {
         if p.is_fluid(pair.b) {
             let moved = &moved[domain.parent(pair.b, owned)];
-            if moved.wall != u32::MAX && domain.parent(moved.wall as usize, owned) == a {
+            if moved.wall != NO_WALL && domain.parent(moved.wall as usize, owned) == a {
                 total += p.mass[pair.b] / dt * moved.taken;
             }
         }
@@ -134,6 +148,21 @@ mod tests {
         // 1e-12: round-off. A fifth of a spacing off the face; 10 kg/m lose 2 m/s in 0.01 s.
         assert!((moved.x - Vector([0.02, 0.02])).norm() < 1e-12 && (moved.v - Vector([1.5, 0.0])).norm() < 1e-12, "{moved:?}");
         assert!((force - Vector([0.0, -2000.0])).norm() < 1e-9, "{force:?}");
+    }
+
+    /// Held at the first line, half a spacing behind the face: 0.1 before it a particle goes on, 0.1 behind it does not.
+    #[test]
+    fn walls_may_hold_fluid_at_their_first_line_only() {
+        let (face, spacing, v) = (Vector([0.0, -0.05]), 0.1, Vector([1.5, -2.0]));
+        let meets = |height: f64| {
+            let mut moved = Guarded::moved(face + Vector([0.0, height]), v);
+            moved.meet(3, (face, Vector::ZERO), Vector::unit(1), spacing, -0.5);
+            moved
+        };
+        assert_eq!(meets(0.01), Guarded::moved(face + Vector([0.0, 0.01]), v));
+        let held = meets(-0.01);
+        assert!((held.x - face).norm() < 1e-15, "{held:?}");
+        assert_eq!((held.v, held.taken, held.wall), (Vector([1.5, 0.0]), Vector([0.0, -2.0]), 3));
     }
 
     #[test]

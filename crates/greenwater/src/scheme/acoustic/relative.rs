@@ -114,7 +114,7 @@ impl<T: Relative> Settings for T {
 
     fn scheme<K: Kernel<D>, const D: usize>(&self, kernel: K, medium: Medium<D>) -> Result<Box<dyn Scheme<D>>, SolveError> {
         let shared = self.shared();
-        let flux = self.flux(DeltaFlux::of(&shared, medium.rest_density, medium.viscosity));
+        let flux = self.flux(DeltaFlux::of(&shared, &medium));
         Ok(Box::new(DeltaSph::delta_sph(kernel, medium, &shared).with_flux(flux)))
     }
 }

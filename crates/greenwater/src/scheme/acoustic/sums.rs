@@ -20,7 +20,8 @@ use crate::walls::dummy::WallSuction;
 /// as one-sided as beside a void: that is a surface, too, and shifting must not fill it.
 ///
 /// Writes positions, normals out of the fluid (zero off the surface) and densities; and how the fluid stretches: the symmetric part of the
-/// renormalised gradient of its velocity, over fluid alone, zero where neighbours are too few.
+/// renormalised gradient of its velocity, over fluid alone, zero where neighbours are too few. Of walls of the first line, in the first row of
+/// the same column: the unit normal towards the fluid, `−Σ V ∇W` over walls; zero where walls surround the particle evenly.
 pub(super) struct Looking<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// `1/ρ0`, m³/kg.
@@ -29,6 +30,7 @@ pub(super) struct Looking<'a, K, const D: usize> {
     pub threshold: f64,
     pub gap: f64,
     pub kind: &'a [Kind],
+    pub layer: &'a [u8],
     pub density: &'a [f64],
     pub mass: &'a [f64],
     pub h: &'a [f64],
@@ -42,6 +44,15 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Stretch<D>> for Looking<'_, K, D
         *stretch = [[0.0; D]; D];
         if self.kind[a] != Kind::Fluid {
             *next = record::<D>(x, Vector::ZERO, self.density[a], self.mass[a], true);
+            if self.layer[a] == 1 {
+                let term = Walls { reach: self.pairs.reach::<L>(self.h[a]) };
+                let outward = -self.scale * term.reach.slope_scale() * totals(self.pairs.near.sum(a, self.pairs.records, &term));
+                let length = outward.norm();
+                // A hundredth of 1/h: far below the 0.5/h of a flat wall, far above what rounding leaves of an even surrounding.
+                if length * self.h[a] > 1e-2 {
+                    stretch[0] = (outward / length).0.map(|n| n as f32);
+                }
+            }
             return;
         }
         let around = Around { reach: self.pairs.reach::<L>(self.h[a]), v: splat(own.v()) };
@@ -60,6 +71,26 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Stretch<D>> for Looking<'_, K, D
             () => Vector::unit(D - 1),
         };
         *next = record(x, normal, self.density[a], self.mass[a], false);
+    }
+}
+
+/// `Σ m ∇W` over walls, on the scale of the particle.
+struct Walls<'a, K, L> {
+    reach: Reach<'a, K, L>,
+}
+
+impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Walls<'_, K, L> {
+    type Totals = [L; D];
+
+    #[inline(always)]
+    fn nothing(&self) -> [L; D] {
+        [L::splat(0.0); D]
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        add_scaled(totals, L::choose(b.wall, b.mass * self.reach.slope(octet), L::splat(0.0)), &octet.x_ab);
     }
 }
 
