@@ -16,7 +16,7 @@ use greenwater::scheme::{DeltaSph, DeltaSphSettings, Medium, Preset};
 const SOUND: f64 = 20.0;
 const REST: f64 = 1000.0;
 
-/// Nothing that acts on one particle alone, and no artificial viscosity, which a test of its own holds to its formula.
+/// Nothing that acts on one particle alone, and no artificial viscosity: what it takes and keeps is tested beside its sum (`physics::damping`).
 fn settings() -> DeltaSphSettings {
     DeltaSphSettings {
         tensile_control: TensileControl::None,

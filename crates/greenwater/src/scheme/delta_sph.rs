@@ -311,7 +311,8 @@ impl DeltaFlux {
 }
 
 /// Most that fluid and wall press each other with without fail, over the pressure of the wall: in liquid at rest the wall's uppermost row, half a
-/// spacing deep, reaches fluid up to three and a half deep, four times that together.
+/// spacing deep, reaches fluid up to three and a half deep, eight times its own together. A kernel that reaches farther than four spacings loses at most
+/// what a row weighs.
 const MOST_AT_WALL: f64 = 8.0;
 
 impl DeltaFlux {

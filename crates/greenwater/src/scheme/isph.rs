@@ -186,6 +186,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         flow.damping.resize(owned, Vector::ZERO);
         if flow.lacking(p.h_max(), flow.speed(p)) > 0.0 {
             let of = |a: usize, i: usize, j| stretch[a][i][j];
+            // Of strength one: the viscosity is known later, with the speed.
             sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: of, scale: 1.0 / rest, strength: [0.0, -1.0], h: &p.h });
         }
         flow.stretch = stretch;
