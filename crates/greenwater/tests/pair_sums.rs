@@ -37,10 +37,11 @@ fn vessel<const D: usize>(cells: [i64; D]) -> Flow<D> {
     flow
 }
 
-/// Acceleration of fluid and rate of its density, `(m/s², kg/(m³ s))`, by the formulas of the method over all pairs.
-fn by_all_pairs<const D: usize>(p: &Particles<D>, medium: &Medium<D>) -> Vec<(Vector<D>, f64)> {
+/// Acceleration of fluid and rate of its density, `(m/s², kg/(m³ s))`, by the formulas of the method over all pairs. `surface`: where the free surface is.
+fn by_all_pairs<const D: usize>(p: &Particles<D>, medium: &Medium<D>, surface: &[u8]) -> Vec<(Vector<D>, f64)> {
     let DeltaSphSettings { delta, .. } = settings();
-    let slope = 1.0 / Lattice::of::<_, D>(WendlandC2, p.h_max(), medium.spacing, REST).slope_of_linear::<D>();
+    let lattice = Lattice::of::<_, D>(WendlandC2, p.h_max(), medium.spacing, REST);
+    let slope = 1.0 / lattice.slope_of_linear::<D>();
     let near = |a: usize| {
         (0..p.owned()).filter(move |&b| b != a).map(move |b| {
             let x_ab = p.x[a] - p.x[b];
@@ -50,6 +51,17 @@ fn by_all_pairs<const D: usize>(p: &Particles<D>, medium: &Medium<D>) -> Vec<(Ve
     let w = |r: f64, h: f64| Kernel::<D>::w(WendlandC2, r, h);
     let stiffness = SOUND * SOUND;
     let mut pressure: Vec<f64> = p.density[..p.owned()].iter().map(|density| stiffness * (density - REST)).collect();
+    // What pressure counts for within reach of the surface.
+    let counts = |a: usize| {
+        let reaches = |(b, _, r, h): (usize, Vector<D>, f64, f64)| surface[b] == 1 && w(r, h) > 0.0;
+        let filled: f64 = near(a).map(|(b, _, r, h)| -p.mass[b] / REST * slope * Kernel::<D>::dw_over_r(WendlandC2, r, h) * r * r).sum();
+        let beside = p.is_fluid(a) && (surface[a] == 1 || near(a).any(reaches));
+        // The library keeps it in single precision.
+        if beside { f64::from(lattice.surface_weight(filled / D as f64) as f32) } else { 1.0 }
+    };
+    let weight: Vec<f64> = (0..p.owned()).map(counts).collect();
+    assert!(weight.iter().any(|&weight| weight > 1.1) && weight.iter().zip(surface).any(|(&weight, &at)| weight > 1.0 && at == 0));
+    (0..p.owned()).for_each(|a| pressure[a] *= weight[a]);
     let fluid = pressure.clone();
     let mut rubbing = p.v.clone();
     for a in (0..p.owned()).filter(|&a| !p.is_fluid(a)) {
@@ -77,7 +89,7 @@ fn by_all_pairs<const D: usize>(p: &Particles<D>, medium: &Medium<D>) -> Vec<(Ve
                     along = along.max((-8.0 * pressure[b]).min(along + row)).min(0.0);
                 }
                 push += dw / (REST * REST) * (along * x_ab + 2.0 * medium.viscosity * (rubbing[a] - rubbing[b]));
-                rate += dw * (p.v[a] - p.v[b]).dot(x_ab);
+                rate += weight[a] * dw * (p.v[a] - p.v[b]).dot(x_ab);
             }
             (push, rate)
         })
@@ -89,7 +101,8 @@ fn agrees_with_all_pairs<const D: usize>(cells: [i64; D]) {
     let mut simulation = flow.simulation(Box::new(DeltaSph::delta_sph(WendlandC2, medium, &settings())), &medium, 1e-4);
     let before = simulation.particles().clone();
     simulation.start().unwrap();
-    let (p, twin) = (simulation.particles(), by_all_pairs(&before, &medium));
+    let p = simulation.particles();
+    let twin = by_all_pairs(&before, &medium, &p.surface);
     let fluid = || (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid);
     let size = fluid().map(|a| twin[a].0.norm()).fold(0.0, f64::max);
     let fastest = fluid().map(|a| twin[a].1.abs()).fold(0.0, f64::max);

@@ -3,7 +3,7 @@
 use super::viscosity::Tensor;
 use crate::math::Vector;
 
-/// Solves `A x = b` for `N <= 4` unknowns by elimination with the largest pivot of each column.
+/// Solves `A x = b` for a few unknowns by elimination with the largest pivot of each column.
 ///
 /// `None` where a pivot falls below `least` times the largest entry of `A`: the points that made the matrix lie on a line or
 /// are too few.

@@ -18,7 +18,7 @@ use crate::neighbors::{Octet, Term};
 pub(crate) struct Damping<'a, K, S, const D: usize> {
     /// Records carry velocities.
     pub pairs: Pairs<'a, K, D>,
-    /// Entry `i`, `j` of `S`, the symmetric part of `∇v`, 1/s, of each particle; zero for nobody.
+    /// Entry `i`, `j >= i` of `S`, the symmetric part of `∇v`, 1/s, of each particle; zero for nobody.
     pub stretch: S,
     /// `1/ρ0`, m³/kg.
     pub scale: f64,

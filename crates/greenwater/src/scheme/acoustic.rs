@@ -25,6 +25,7 @@ use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record, take_lengths};
 use crate::physics::state::{EquationOfState, PressureLaw};
+use crate::physics::viscosity::Tensor;
 use crate::reduce::sum;
 use crate::sweep::{BLOCK, largest, sweep, update, update2};
 use crate::time::{Phases, StepLimit};
@@ -99,7 +100,7 @@ pub(super) struct Between<L: Real, const D: usize> {
 
 /// The pair terms of a method, written once for one pair and for eight.
 pub(super) trait Flux<const D: usize>: Copy + Send + Sync {
-    /// Whether pressure and divergence are those of linear kernels, which [`force`](Self::force) and [`rate`](Self::rate) then leave out.
+    /// Whether pressure and divergence are those of linear kernels, which [`force`](Self::force) then leaves out.
     const LINEAR: bool = false;
 
     /// With linear kernels: how much of their pressures `fluid` and `wall`, Pa, press each other with, dimensionless.
@@ -119,9 +120,9 @@ pub(super) trait Flux<const D: usize>: Copy + Send + Sync {
     /// Force of `b` on the fluid particle `a` over both masses and `W'/(r ρ0²)`, with `∇_a W_ab = (W'/r) x_ab`; Pa m.
     fn force<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>) -> [L; D];
 
-    /// Rate of the density of the fluid particle `a` over the mass of `b` and `W'/r`, m²/s. `jump` is the part of `ρ_a − ρ_b` that
+    /// Rate of the density of the fluid particle `a` beside compression, over the mass of `b` and `W'/r`, m²/s. `jump` is the part of `ρ_a − ρ_b` that
     /// diffuses, kg/m³.
-    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L;
+    fn spread<L: Real>(self, pair: Between<L, D>, jump: L) -> L;
 }
 
 /// The pair terms there are.
@@ -201,28 +202,74 @@ struct Shift<const D: usize> {
     pull: f64,
     /// Least pressure that the fluid bears, Pa.
     least: f64,
+    /// What its pressure counts for in forces, dimensionless.
+    weight: f64,
 }
 
 impl<const D: usize> Shift<D> {
-    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, least: f64::NEG_INFINITY };
+    const NONE: Self = Self { by: Vector::ZERO, change: 0.0, pull: 0.0, least: f64::NEG_INFINITY, weight: 1.0 };
 
     /// As a record: between two steps those of `middle` hold nothing else.
     fn to_record(self) -> Record {
         let mut fields = [0.0; LANES];
         fields[..D].copy_from_slice(&self.by.0);
-        [fields[D], fields[D + 1], fields[D + 2]] = [self.change, self.pull, self.least];
+        [fields[D], fields[D + 1], fields[D + 2], fields[D + 3]] = [self.change, self.pull, self.least, self.weight];
         Record(fields)
     }
 
     fn from_record(record: &Record) -> Self {
-        let [change, pull, least] = [record.0[D], record.0[D + 1], record.0[D + 2]];
-        Self { by: record.x(), change, pull, least }
+        let [change, pull, least, weight] = [record.0[D], record.0[D + 1], record.0[D + 2], record.0[D + 3]];
+        Self { by: record.x(), change, pull, least, weight }
     }
 }
 
-/// The symmetric part of the gradient of velocity, 1/s; of walls the normal, in the first row. Both serve to tell one case from another: single
-/// precision is plenty.
-type Stretch<const D: usize> = [[f32; D]; D];
+/// What is found about a particle once a step, in single precision, which is plenty. Of fluid: the symmetric part of the gradient of velocity, on the
+/// diagonal and right of it, and the surface weight below. Of walls: the normal, in the first row.
+#[derive(Clone, Copy, Debug)]
+struct Finding<const D: usize>([[f32; D]; D]);
+
+impl<const D: usize> Finding<D> {
+    const NOTHING: Self = Self([[0.0; D]; D]);
+
+    /// Of fluid around which velocities change as `gradient`, 1/s, and whose pressure counts for `weight` in forces.
+    #[inline(always)]
+    fn of_fluid(gradient: &Tensor<D>, weight: f64) -> Self {
+        let mut found = std::array::from_fn(|i| std::array::from_fn(|j| (0.5 * (gradient[i][j] + gradient[j][i])) as f32));
+        found[1][0] = weight as f32;
+        Self(found)
+    }
+
+    /// Of a wall that looks along `normal`.
+    #[inline(always)]
+    fn of_wall(normal: Vector<D>) -> Self {
+        let mut found = [[0.0; D]; D];
+        found[0] = normal.0.map(|n| n as f32);
+        Self(found)
+    }
+
+    /// Entry `i`, `j >= i` of the symmetric part of the gradient of velocity, 1/s.
+    #[inline(always)]
+    fn stretch(&self, i: usize, j: usize) -> f64 {
+        f64::from(self.0[i][j])
+    }
+
+    /// `√(S:S)` of that part, 1/s.
+    #[inline(always)]
+    fn strain_rate(&self) -> f64 {
+        let entries = (0..D).flat_map(|i| (i..D).map(move |j| (i, j)));
+        entries.map(|(i, j)| if i == j { 1.0 } else { 2.0 } * self.stretch(i, j) * self.stretch(i, j)).sum::<f64>().sqrt()
+    }
+
+    #[inline(always)]
+    fn weight(&self) -> f64 {
+        f64::from(self.0[1][0])
+    }
+
+    #[inline(always)]
+    fn normal(&self) -> Vector<D> {
+        Vector(self.0[0].map(f64::from))
+    }
+}
 
 /// What sound changes in a particle of fluid, beside where it is and how it moves.
 #[derive(Clone, Copy, Debug, Default)]
@@ -235,15 +282,23 @@ struct Bulk {
     compression: f64,
     /// The part of it that draws dilated fluid together, kg/(m³ s).
     pull: f64,
-    /// Least pressure, Pa.
-    least: f64,
+    /// Least pressure, Pa: zero, or none.
+    least: f32,
+    /// What its pressure counts for in forces, and its compression in the rate of density, dimensionless: more than one in the row at the surface.
+    weight: f32,
 }
 
 impl Bulk {
     /// The pressure of the density, Pa, as far as the fluid bears it.
     #[inline(always)]
     fn pressure(&self, state: &EquationOfState) -> f64 {
-        state.pressure(self.density).max(self.least)
+        state.pressure(self.density).max(f64::from(self.least))
+    }
+
+    /// What that pressure counts for in forces, Pa.
+    #[inline(always)]
+    fn pressing(&self, state: &EquationOfState) -> f64 {
+        f64::from(self.weight) * self.pressure(state)
     }
 }
 
@@ -287,7 +342,7 @@ pub struct Acoustic<K, const D: usize> {
     end: Vec<Record>,
     bulk: Vec<Bulk>,
     /// Of all rows and nobody.
-    stretch: Vec<Stretch<D>>,
+    found: Vec<Finding<D>>,
     before: Before<D>,
     /// Gradient of density that diffusion leaves alone, kg/m⁴, of all rows and nobody; empty where it is the same everywhere.
     gradient: Vec<Vector<D>>,
@@ -318,7 +373,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             middle: Vec::new(),
             end: Vec::new(),
             bulk: Vec::new(),
-            stretch: Vec::new(),
+            found: Vec::new(),
             before: Before::default(),
             gradient: Vec::new(),
             linear: Vec::new(),
@@ -376,7 +431,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             records[p.len()] = NOBODY;
         }
         self.bulk.resize(p.owned(), Bulk::default());
-        self.stretch.resize(rows, [[0.0; D]; D]);
+        self.found.resize(rows, Finding::NOTHING);
     }
 
     /// Which particles belong to the free surface, its normal there, and how fluid stretches; leaves positions, normals and
@@ -384,11 +439,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
         let (x, v, mass, kind, owned) = (&p.x, &p.v, &p.mass, &p.kind, p.owned());
         sweep(&mut self.middle[..p.x.len()], |a| record(x[a], v[a], 0.0, mass[a], kind[a] != Kind::Fluid));
-        let (mut end, mut stretch) = (std::mem::take(&mut self.end), std::mem::take(&mut self.stretch));
+        let (mut end, mut found) = (std::mem::take(&mut self.end), std::mem::take(&mut self.found));
         let looking = Looking {
             pairs: self.pairs(&self.middle),
             scale: self.volume_scale(),
             threshold: self.lattice.surface_threshold() * D as f64,
+            weights: if matches!(self.plan.flux, AnyFlux::Delta(_)) { Some(self.lattice) } else { None },
             gap: p.h_max() * self.lattice.slope_of_gap() / self.lattice.slope_of_linear::<D>(),
             kind: &p.kind,
             layer: &p.layer,
@@ -396,12 +452,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             mass: &p.mass,
             h: &p.h,
         };
-        sweep_lanes2(self.set, &mut end[..owned], &mut stretch[..owned], &looking);
+        sweep_lanes2(self.set, &mut end[..owned], &mut found[..owned], &looking);
         sweep(&mut p.surface[..owned], |a| u8::from(kind[a] == Kind::Fluid && end[a].v::<D>() != Vector::ZERO));
         domain.refresh_records(&mut end);
         domain.refresh_column(&mut p.surface);
-        domain.refresh_column(&mut stretch[..p.len()]);
-        (self.end, self.stretch) = (end, stretch);
+        domain.refresh_column(&mut found[..p.len()]);
+        (self.end, self.found) = (end, found);
     }
 
     /// Artificial viscosity between the velocities in `middle`, once a step: `α h c0 Σ_b V_b d_ab ∇_a W_ab/r²` with what a linear flow explains of the
@@ -413,7 +469,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let strength = [self.plan.alpha * self.plan.state.sound, own];
         p.force.fill(Vector::ZERO);
         if strength[0] * p.h_max() > own {
-            let (pairs, stretch) = (self.pairs(&self.middle), |a: usize, i: usize, j: usize| f64::from(self.stretch[a][i][j]));
+            let (pairs, stretch) = (self.pairs(&self.middle), |a: usize, i: usize, j: usize| self.found[a].stretch(i, j));
             let (owned, h) = (p.owned(), &p.h);
             sweep_lanes(self.set, &mut p.force[..owned], &Damping { pairs, stretch, scale: self.volume_scale(), strength, h });
         }
@@ -428,8 +484,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             pairs: self.pairs(&self.end),
             scale: self.volume_scale(),
             plan: &self.plan,
+            lattice: self.lattice,
             spacing: self.medium.spacing,
-            stretch: &self.stretch,
+            looked: &self.found,
             fastest: fastest(p),
             dt,
             kind: &p.kind,
@@ -454,13 +511,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let (state, damping, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.place);
         let owned = p.owned();
         update2(&mut self.middle[..owned], &mut self.bulk, |a, middle, bulk| {
-            let Shift { by, change, pull, least } = Shift::from_record(middle);
+            let Shift { by, change, pull, least, weight } = Shift::from_record(middle);
             *middle = match p.kind[a] {
                 Kind::Fluid => {
-                    (bulk.pull, bulk.least) = (pull, least);
+                    (bulk.pull, bulk.least, bulk.weight) = (pull, least as f32, weight as f32);
                     bulk.density = dilated(p.density[a] + change, half * p.density_rate[a], place[a], state.rest);
                     let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
-                    record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressure(&state) + damper, p.mass[a], false)
+                    record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressing(&state) + damper, p.mass[a], false)
                 }
                 Kind::Wall | Kind::Lost => record(p.x[a], p.v[a], 0.0, p.mass[a], true),
             };
@@ -518,8 +575,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     }
 
     /// `ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}`, and the first half of the next step, `lead` long: positions, densities and pressures
-    /// of its middle. Without a next step `lead` is zero, and the pressure is that of the density alone.
-    fn dilate(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64, lead: f64, damping: f64) {
+    /// of its middle. Behind the `last` one the pressure is that of the density alone.
+    fn dilate(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64, last: bool) {
         if matches!(self.plan.flux, AnyFlux::Linear(_)) {
             self.linear_kernels(p, domain, true);
         }
@@ -542,7 +599,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 gradient: same,
                 place: &self.place,
                 state,
-                step: [half, lead, damping * state.sound],
+                step: [half, if last { 0.0 } else { half }, self.plan.damping * state.sound],
+                last,
                 kind: &p.kind,
                 mass: &p.mass,
                 h: &p.h,
@@ -558,12 +616,13 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// on an oblique wall would be disturbed: its line is a staircase.
     fn guard(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (owned, spacing) = (p.owned(), self.medium.spacing);
-        let beside_walls = |a: usize| p.kind[a] == Kind::Fluid && (self.plan.suction == WallSuction::Full || self.bulk[a].least == 0.0);
+        let looked_for_walls = |a: usize| self.plan.suction == WallSuction::None && self.place[a] != Place::Surface;
+        let beside_walls = |a: usize| p.kind[a] == Kind::Fluid && !(looked_for_walls(a) && self.bulk[a].least != 0.0);
         let guarded = |a: usize| {
             let mut moved = Guarded::moved(self.middle[a].x(), self.middle[a].v());
             for &b in self.near.of(a) {
-                let normal = Vector(self.stretch[b as usize][0].map(f64::from));
                 let b = b as usize;
+                let normal = self.found[b].normal();
                 if p.kind[b] == Kind::Wall && p.layer[b] == 1 && normal != Vector::ZERO {
                     moved.meet(b as u32, (p.x[b] + dt * p.v[b], p.v[b]), normal, spacing, AT_FIRST_LINE);
                 }
@@ -600,8 +659,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                                 acceleration[i] = (now.1 - v[i]) / dt;
                             }
                             (x[i], v[i]) = now;
-                            let Bulk { density: now, rate: changing, .. } = bulk[block * BLOCK + i];
-                            (pressure[i], density[i], rate[i]) = (middle[i].value::<D>(), now, changing);
+                            let bulk = &bulk[block * BLOCK + i];
+                            (pressure[i], density[i], rate[i]) = (middle[i].value::<D>(), bulk.density, bulk.rate);
                         }
                         Kind::Wall => (pressure[i], density[i]) = (0.0, rest),
                         Kind::Lost => {}
@@ -670,7 +729,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.unsettle(p, domain);
         for (a, &density) in self.fresh.iter().enumerate().filter(|(a, _)| p.kind[*a] == Kind::Fluid) {
             self.bulk[a].density = density;
-            *self.middle[a].value_mut::<D>() = self.plan.state.pressure(density);
+            *self.middle[a].value_mut::<D>() = self.bulk[a].pressure(&self.plan.state);
         }
         domain.refresh_records(&mut self.middle);
     }
@@ -823,8 +882,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
             // v^{n+1} = v^n + Δt a^{n+1/2}, x^{n+1} = x^{n+1/2} + Δt/2 v^{n+1}
             phases.measure("forces", || self.kick(p, domain, 2.0 * half, half, share));
             // ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}
-            let (lead, damping) = if sound_step < count { (half, self.plan.damping) } else { (0.0, 0.0) };
-            phases.measure("density", || self.dilate(p, domain, half, lead, damping));
+            phases.measure("density", || self.dilate(p, domain, half, sound_step == count));
         }
 
         // (3) nothing goes through walls; now and then, density from the neighbourhood

@@ -11,7 +11,7 @@ use crate::lanes::Real;
 use crate::neighbors::Search;
 use crate::physics::consistency::DensityReset;
 use crate::physics::diffusion::Diffusion;
-use crate::physics::pairs::{add_scaled, difference, dot, scaled};
+use crate::physics::pairs::{add_scaled, difference, scaled};
 use crate::physics::pressure::{Elasticity, GAMMA};
 use crate::physics::state::{EquationOfState, PressureLaw};
 use crate::poisson::SolveError;
@@ -182,7 +182,7 @@ impl Settings for DeltaSphSettings {
             ("time step limited by", limit.to_owned()),
             ("time stepping", stepping.to_owned()),
             ("walls", format!("{walls}, {slip}; fluid that comes to their first line is set back")),
-            ("free surface", format!("sum over neighbours below its value half-way between two rows of the lattice{shifting}")),
+            ("free surface", format!("sum over neighbours below its value half-way between two rows of the lattice, whose pressure counts for what holds it{shifting}")),
             ("linear system", "none".to_owned()),
             ("work of a step", "five sums over neighbours, and two for each sound step".to_owned()),
         ]
@@ -227,11 +227,12 @@ impl Settings for DeltaSphSettings {
 
 /// δ-SPH with all its parts; see [`Acoustic`] for those it shares.
 ///
-/// `dρ_a/dt = Σ_b m_b v_ab·∇W_ab + 2 δ h c0 Σ_b (m_b/ρ0) jump_ab x_ab·∇W_ab/r²`,
-/// `dv_a/dt = −Σ_b m_b (p_a + p_b)/ρ0² ∇W_ab + α h c0/ρ0 Σ_b m_b d_ab/r² ∇W_ab + 2μ/ρ0² Σ_b m_b (W'/r) v_ab + g`.
+/// `dρ_a/dt = s_a Σ_b m_b v_ab·∇W_ab + 2 δ h c0 Σ_b (m_b/ρ0) jump_ab x_ab·∇W_ab/r²`,
+/// `dv_a/dt = −Σ_b m_b (s_a p_a + s_b p_b)/ρ0² ∇W_ab + α h c0/ρ0 Σ_b m_b d_ab/r² ∇W_ab + 2μ/ρ0² Σ_b m_b (W'/r) v_ab + g`.
 ///
 /// A particle stands for the volume `m/ρ0` throughout. With `m/ρ` a lattice that starts uncompressed would carry the pressure
 /// `ρ0 g d (ρ/ρ0)²`, 0.5 % too much under a depth `H`; the two differ by the square of the Mach number.
+/// `s` is one but in the row at the free surface, where it makes up for the neighbours that are not there, see [`Lattice::surface_weight`](crate::physics::lattice::Lattice::surface_weight).
 /// `d_ab` is the approach of a pair less what a linear flow explains of it, once a step (see `physics::damping`).
 /// The pressure in forces has that of the acoustic damper, `−α2 ρ0 c0 h ∇·v`, added away from the free surface.
 /// Every force is equal and opposite in a pair. Diffusion and artificial viscosity act between fluid particles only.
@@ -350,9 +351,8 @@ impl<const D: usize> Flux<D> for DeltaFlux {
     }
 
     #[inline(always)]
-    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
-        let diffusivity = L::choose(pair.wall, L::splat(0.0), pair.h * (2.0 * self.delta * self.sound / self.rest));
-        jump.times_plus(diffusivity, dot(&difference(&a.v, &b.v), &pair.x_ab))
+    fn spread<L: Real>(self, pair: Between<L, D>, jump: L) -> L {
+        L::choose(pair.wall, L::splat(0.0), pair.h * (2.0 * self.delta * self.sound / self.rest)) * jump
     }
 }
 

@@ -194,9 +194,9 @@ impl<const D: usize> Flux<D> for EdacFlux {
     }
 
     #[inline(always)]
-    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
+    fn spread<L: Real>(self, pair: Between<L, D>, jump: L) -> L {
         // 2 ν_e V_b jump (x_ab·∇W)/(r² + 0.01 h²), x_ab·∇W = r² W'/r.
         let twice_nu = pair.h * (0.25 * self.strength * self.shared.sound / self.shared.rest);
-        self.shared.rate(a, b, pair, jump) + twice_nu * jump * pair.square / (pair.square + pair.h * pair.h * 0.01)
+        Flux::<D>::spread(self.shared, pair, jump) + twice_nu * jump * pair.square / (pair.square + pair.h * pair.h * 0.01)
     }
 }

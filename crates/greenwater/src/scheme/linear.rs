@@ -323,7 +323,7 @@ impl<const D: usize> Flux<D> for LinearFlux {
     }
 
     #[inline(always)]
-    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
-        self.shared.rate(a, Side { v: a.v, ..b }, pair, jump)
+    fn spread<L: Real>(self, pair: Between<L, D>, jump: L) -> L {
+        Flux::<D>::spread(self.shared, pair, jump)
     }
 }

@@ -191,8 +191,8 @@ impl<const D: usize> Flux<D> for RiemannFlux {
     }
 
     #[inline(always)]
-    fn rate<L: Real>(self, a: Side<L, D>, b: Side<L, D>, pair: Between<L, D>, jump: L) -> L {
+    fn spread<L: Real>(self, pair: Between<L, D>, jump: L) -> L {
         let spread = jump * pair.r * (self.shared.sound / self.shared.rest);
-        self.shared.rate(a, b, pair, jump) + L::choose(pair.wall, L::splat(0.0), spread)
+        Flux::<D>::spread(self.shared, pair, jump) + L::choose(pair.wall, L::splat(0.0), spread)
     }
 }

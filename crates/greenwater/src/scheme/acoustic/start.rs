@@ -71,7 +71,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             self.end[a].set_v(p.v[a]);
         }
         domain.refresh_records(&mut self.end);
-        self.dilate(p, domain, 0.0, 0.0, 0.0);
+        self.dilate(p, domain, 0.0, true);
         self.press_walls(p, domain);
         self.settle(p, domain, 0.0);
         domain.refresh_column(&mut p.acceleration);

@@ -1,6 +1,6 @@
 //! The sums over pairs of a step: what is done to each row of particles, and the terms, eight neighbours at a time.
 
-use super::{Between, Bulk, Flux, Place, Plan, Shift, Side, Stretch, dilated};
+use super::{Between, Bulk, Finding, Flux, Place, Plan, Shift, Side, dilated};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes, Real, Record, Rows};
 use crate::math::Vector;
@@ -9,8 +9,9 @@ use crate::particles::Kind;
 use crate::physics::consistency::LinearKernel;
 use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{gradient_at_rest, jump};
+use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, record, scaled, splat, totals};
-use crate::physics::shifting::{pair_weight, shift, shift_speed, strain_rate, volume_pull};
+use crate::physics::shifting::{pair_weight, shift, shift_speed, volume_pull};
 use crate::physics::state::EquationOfState;
 use crate::physics::viscosity::{Tensor, contract};
 use crate::walls::dummy::WallSuction;
@@ -20,8 +21,9 @@ use crate::walls::dummy::WallSuction;
 /// as one-sided as beside a void: that is a surface, too, and shifting must not fill it.
 ///
 /// Writes positions, normals out of the fluid (zero off the surface) and densities; and how the fluid stretches: the symmetric part of the
-/// renormalised gradient of its velocity, over fluid alone, zero where neighbours are too few. Of walls of the first line, in the first row of
-/// the same column: the unit normal towards the fluid, `−Σ V ∇W` over walls; zero where walls surround the particle evenly.
+/// renormalised gradient of its velocity, over fluid alone, zero where neighbours are too few; and what its pressure counts for in forces, more than one
+/// where the first sum is below that of the second row of a flat surface. Of walls of the first line: the unit normal towards the fluid, `−Σ V ∇W` over
+/// walls; zero where walls surround the particle evenly.
 pub(super) struct Looking<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// `1/ρ0`, m³/kg.
@@ -29,6 +31,8 @@ pub(super) struct Looking<'a, K, const D: usize> {
     /// Least sum, and greatest `h |Σ V ∇W|`, off the surface.
     pub threshold: f64,
     pub gap: f64,
+    /// The lattice that tells what pressure counts for; none for methods where it counts for itself everywhere.
+    pub weights: Option<Lattice>,
     pub kind: &'a [Kind],
     pub layer: &'a [u8],
     pub density: &'a [f64],
@@ -36,12 +40,12 @@ pub(super) struct Looking<'a, K, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, const D: usize> Rows<Record, Stretch<D>> for Looking<'_, K, D> {
+impl<K: Kernel<D>, const D: usize> Rows<Record, Finding<D>> for Looking<'_, K, D> {
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, next: &mut Record, stretch: &mut Stretch<D>) {
+    fn row<L: Lanes>(&self, a: usize, next: &mut Record, finding: &mut Finding<D>) {
         let own = self.pairs.records[a];
         let x = own.x();
-        *stretch = [[0.0; D]; D];
+        *finding = Finding::NOTHING;
         if self.kind[a] != Kind::Fluid {
             *next = record::<D>(x, Vector::ZERO, self.density[a], self.mass[a], true);
             if self.layer[a] == 1 {
@@ -50,7 +54,7 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Stretch<D>> for Looking<'_, K, D
                 let length = outward.norm();
                 // A hundredth of 1/h: far below the 0.5/h of a flat wall, far above what rounding leaves of an even surrounding.
                 if length * self.h[a] > 1e-2 {
-                    stretch[0] = (outward / length).0.map(|n| n as f32);
+                    *finding = Finding::of_wall(outward / length);
                 }
             }
             return;
@@ -59,10 +63,11 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Stretch<D>> for Looking<'_, K, D
         let found = self.pairs.near.sum(a, self.pairs.records, &around);
         let scale = self.scale * around.reach.slope_scale();
         let (concentration, filled) = (scale * totals(found.concentration), -scale * found.filled.total());
-        if let Some(correction) = renormalisation(&symmetric(-scale, found.moments)) {
-            let change: Tensor<D> = tensor(-scale, found.change).map(|row| contract(&correction, row));
-            *stretch = std::array::from_fn(|i| std::array::from_fn(|j| (0.5 * (change[i][j] + change[j][i])) as f32));
-        }
+        let gradient = match renormalisation(&symmetric(-scale, found.moments)) {
+            Some(correction) => tensor(-scale, found.change).map(|row| contract(&correction, row)),
+            None => [Vector::ZERO; D],
+        };
+        *finding = Finding::of_fluid(&gradient, self.weights.map_or(1.0, |lattice| lattice.surface_weight(filled / D as f64)));
         let length = concentration.norm();
         // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
         let normal = match () {
@@ -146,8 +151,10 @@ pub(super) struct Shifting<'a, K, const D: usize> {
     /// `1/ρ0`, m³/kg.
     pub scale: f64,
     pub plan: &'a Plan,
+    /// What a surface makes missing of `Σ V W`.
+    pub lattice: Lattice,
     pub spacing: f64,
-    pub stretch: &'a [Stretch<D>],
+    pub looked: &'a [Finding<D>],
     /// Greatest speed, m/s.
     pub fastest: f64,
     pub dt: f64,
@@ -161,19 +168,13 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
         let own = self.pairs.records[a];
         let (shift, found) = match self.kind[a] {
             Kind::Wall | Kind::Lost => (Shift::NONE, Place::Dry),
-            Kind::Fluid if own.v::<D>() != Vector::ZERO => (Shift::<D>::NONE, Place::Surface),
+            Kind::Fluid if own.v::<D>() != Vector::ZERO => (Shift { weight: self.looked[a].weight(), ..Shift::<D>::NONE }, Place::Surface),
             Kind::Fluid => {
                 let reach = self.pairs.reach::<L>(self.h[a]);
                 let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
                 let term = Crowd { reach, per_whole: reach.w_scale() / whole, density: L::splat(own.value::<D>()) };
                 let found = self.pairs.near.sum(a, self.pairs.records, &term);
-                self.shifted(
-                    &own,
-                    self.h[a],
-                    strain_rate(&self.stretch[a]),
-                    [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale],
-                    found,
-                )
+                self.shifted(a, &own, [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale], found)
             }
         };
         (*out, *place) = (shift.to_record(), found);
@@ -183,23 +184,27 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
 impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
     /// `scales`: of `V W` and of `V ∇W` over those of the sums.
     #[inline(always)]
-    fn shifted<L: Lanes>(&self, own: &Record, h: f64, strain: f64, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
+    fn shifted<L: Lanes>(&self, a: usize, own: &Record, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
         let Plan { shifting, volume_control, state, suction, .. } = *self.plan;
+        let parts = suction == WallSuction::None && found.at_wall.total() > 0.0;
+        let least = if parts { 0.0 } else { f64::NEG_INFINITY };
+        let (h, strain) = (self.h[a], self.looked[a].strain_rate());
         let outward = totals(found.outward);
         let length = outward.norm();
         let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
         let by = shift(scales[1] * totals(found.concentration), h, shifting * shift_speed(strain, h, self.fastest), self.dt, normal);
-        let pull = match place {
-            Place::Inside => {
-                let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
-                state.rest * volume_pull(own + scales[0] * found.filling.total(), h, self.fastest, volume_control)
+        let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
+        let (missing, weight) = match place {
+            Place::Near => {
+                let slope = self.lattice.slope_of_linear::<D>() * scales[1] * totals(found.slope);
+                (self.lattice.missing(slope.norm()), self.looked[a].weight())
             }
-            _ => 0.0,
+            _ => (0.0, 1.0),
         };
+        let pull = state.rest * volume_pull(own + scales[0] * found.filling.total() + missing, h, self.fastest, volume_control);
         let correction = renormalisation(&tensor(-scales[1], found.moments)).unwrap_or([Vector::ZERO; D]);
-        let parts = suction == WallSuction::None && found.at_wall.total() > 0.0;
-        let least = if parts { 0.0 } else { f64::NEG_INFINITY };
-        (Shift { by, change: contract(&correction, scales[1] * totals(found.gradient)).dot(by), pull, least }, place)
+        let change = contract(&correction, scales[1] * totals(found.gradient)).dot(by);
+        (Shift { by, change, pull, least, weight }, place)
     }
 }
 
@@ -209,6 +214,8 @@ struct Crowding<L, const D: usize> {
     filling: L,
     /// `Σ m ∇W`, close pairs with more weight.
     concentration: [L; D],
+    /// `Σ m ∇W`.
+    slope: [L; D],
     /// `Σ m (ρ_b − ρ_a) ∇W`.
     gradient: [L; D],
     /// `Σ W n`: out of the fluid.
@@ -235,6 +242,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
         Crowding {
             filling: L::splat(0.0),
             concentration: nothing,
+            slope: nothing,
             gradient: nothing,
             outward: nothing,
             moments: [nothing; D],
@@ -249,6 +257,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
         let dw = b.mass * self.reach.slope(octet);
         totals.filling = b.mass.times_plus(w, totals.filling);
         add_scaled(&mut totals.concentration, pair_weight(w * self.per_whole) * dw, &octet.x_ab);
+        add_scaled(&mut totals.slope, dw, &octet.x_ab);
         add_scaled(&mut totals.gradient, (b.value - self.density) * dw, &octet.x_ab);
         add_scaled(&mut totals.outward, w, &b.v);
         add_moments(&mut totals.moments, dw, &octet.x_ab);
@@ -538,6 +547,8 @@ pub(super) struct Dilation<'a, K, F, const D: usize> {
     pub state: EquationOfState,
     /// `Δt` of densities to the end of this step, and of all to the middle of the next, s; `α2 c0`, m/s.
     pub step: [f64; 3],
+    /// Whether there is no next sound step: pressure is then that of the density, for others to read.
+    pub last: bool,
     pub kind: &'a [Kind],
     pub mass: &'a [f64],
     pub h: &'a [f64],
@@ -551,19 +562,23 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Bulk> for Dilation<'
         }
         let now = self.pairs.records[a];
         let [half, lead, damping] = self.step;
-        let [rate, compression] = if F::LINEAR { self.linear_rate(a, bulk.density) } else { self.rate::<L>(a, &now, bulk.density) };
-        bulk.rate = bulk.pull + rate;
-        bulk.compression = compression;
+        let [compression, spread] = if F::LINEAR { self.linear_rate(a, bulk.density) } else { self.rate::<L>(a, &now, bulk.density) };
+        bulk.compression = f64::from(bulk.weight) * compression;
+        bulk.rate = bulk.pull + bulk.compression + spread;
         bulk.density = dilated(bulk.density, half * bulk.rate, self.place[a], self.state.rest);
         bulk.density = dilated(bulk.density, lead * bulk.rate, self.place[a], self.state.rest);
-        let damper = if self.place[a] == Place::Inside { damping * self.h[a] * compression } else { 0.0 };
+        let pressure = match self.place[a] {
+            _ if self.last => bulk.pressure(&self.state),
+            Place::Inside => bulk.pressing(&self.state) + damping * self.h[a] * bulk.compression,
+            _ => bulk.pressing(&self.state),
+        };
         let v = now.v::<D>();
-        *next = record(now.x() + lead * v, v, bulk.pressure(&self.state) + damper, self.mass[a], false);
+        *next = record(now.x() + lead * v, v, pressure, self.mass[a], false);
     }
 }
 
 impl<K: Kernel<D>, F: Flux<D>, const D: usize> Dilation<'_, K, F, D> {
-    /// Rate of the density of fluid and the part of it that is compression, kg/(m³ s).
+    /// Rate of the density of fluid by compression, unweighted, and what spreads, kg/(m³ s).
     #[inline(always)]
     fn rate<L: Lanes>(&self, a: usize, now: &Record, density: f64) -> [f64; 2] {
         let term = Rate {
@@ -574,32 +589,31 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Dilation<'_, K, F, D> {
             gradient: splat(self.gradients.map_or(self.gradient, |gradients| gradients[a])),
             gradients: self.gradients,
         };
-        let [rate, compression] = self.pairs.near.sum(a, self.pairs.records, &term);
+        let [compression, spread] = self.pairs.near.sum(a, self.pairs.records, &term);
         let scale = self.slope * term.reach.slope_scale();
-        [scale * rate.total(), scale * compression.total()]
+        [scale * compression.total(), scale * spread.total()]
     }
 
     /// The same with linear kernels, pair by pair.
     #[inline(always)]
     fn linear_rate(&self, a: usize, density: f64) -> [f64; 2] {
         let records = self.pairs.records;
-        let (mut sum, mut compression) = (0.0, 0.0);
+        let (mut compression, mut spread) = (0.0, 0.0);
         for &b in self.pairs.near.of(a) {
             let b = b as usize;
             let pair = LinearPair::of(self.pairs, self.linear, self.h, a, b);
             let x_ab = Vector(pair.between.x_ab);
             let rise = self.gradients.map_or(self.gradient, |gradients| 0.5 * (gradients[a] + gradients[b])).dot(x_ab);
-            let (v_ab, dw) = (records[a].v::<D>() - records[b].v(), self.slope * pair.dw);
-            let still = Side { v: [0.0; D], pressure: 0.0, own: 0.0 };
-            let spread = dw * self.flux.rate(still, still, pair.between, jump(density, records[b].value::<D>(), rise));
-            sum += records[b].mass::<D>() * (v_ab.dot(pair.grad[0]) + spread);
-            compression += records[b].mass::<D>() * dw * v_ab.dot(x_ab);
+            let v_ab = records[a].v::<D>() - records[b].v();
+            let jump = jump(density, records[b].value::<D>(), rise);
+            compression += records[b].mass::<D>() * v_ab.dot(pair.grad[0]);
+            spread += records[b].mass::<D>() * self.slope * pair.dw * self.flux.spread(pair.between, jump);
         }
-        [sum, compression]
+        [compression, spread]
     }
 }
 
-/// `m_b` times the rate of density by `b`, and the part of it that is compression, on the scale of the particle.
+/// `m_b` times the rate of density by `b` that is compression, and what spreads, on the scale of the particle.
 struct Rate<'a, K, F, L, const D: usize> {
     reach: Reach<'a, K, L>,
     flux: F,
@@ -635,12 +649,9 @@ impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for Rate<'_,
             }
             rise = rise * 0.5;
         }
-        let nothing = L::splat(0.0);
-        let own = Side { v: self.v, pressure: nothing, own: nothing };
         let pair = Between { x_ab: octet.x_ab, r: octet.r, square: octet.square, h: self.reach.lengths(octet.rows), wall: b.wall };
-        let rate = self.flux.rate(own, Side { v: b.v, ..own }, pair, jump(self.density, b.value, rise));
         let dw = b.mass * self.reach.slope(octet);
-        totals[0] = dw.times_plus(rate, totals[0]);
-        totals[1] = dw.times_plus(dot(&difference(&self.v, &b.v), &octet.x_ab), totals[1]);
+        totals[0] = dw.times_plus(dot(&difference(&self.v, &b.v), &octet.x_ab), totals[0]);
+        totals[1] = dw.times_plus(self.flux.spread(pair, jump(self.density, b.value, rise)), totals[1]);
     }
 }
