@@ -4,12 +4,12 @@ mod common;
 
 use common::{Flow, SPACING, medium};
 use greenwater::domain::Domain;
-use greenwater::kernel::WendlandC2;
+use greenwater::kernel::{CubicSpline, WendlandC2};
 use greenwater::math::Vector;
 use greenwater::particles::{Kind, Particle, Particles};
 use greenwater::physics::diffusion::Diffusion;
 use greenwater::scheme::acoustic::{StartPressure, Stepping, TensileControl};
-use greenwater::scheme::{DeltaSph, DeltaSphSettings, Isph, IsphSettings, Medium, Preset, Scheme};
+use greenwater::scheme::{DeltaSph, DeltaSphSettings, Isph, IsphSettings, Medium, Preset, Scheme, Wcsph, WcsphSettings};
 use greenwater::simulation::Simulation;
 use greenwater::time::Phases;
 use greenwater::walls::dummy::{WallPressure, WallSuction};
@@ -232,7 +232,8 @@ fn fluid_parts_from_a_wall_without_tension() {
 fn a_step_taken_back_never_was() {
     let (start, domain, medium) = pool([10, 8]);
     let isph = Isph::new(WendlandC2, medium, IsphSettings::preset(Preset::Water)).unwrap();
-    for mut scheme in [scheme(medium, &water()), Box::new(isph)] {
+    let wcsph = Wcsph::new(CubicSpline, medium, WcsphSettings::preset(Preset::Water));
+    for mut scheme in [scheme(medium, &water()), Box::new(isph), Box::new(wcsph)] {
         let (mut p, mut domain, mut phases) = (start.clone(), domain.clone(), Phases::default());
         assert!(scheme.takes_back());
         scheme.start(&mut p, &mut domain).unwrap();

@@ -182,7 +182,12 @@ impl Settings for DeltaSphSettings {
             ("time step limited by", limit.to_owned()),
             ("time stepping", stepping.to_owned()),
             ("walls", format!("{walls}, {slip}; fluid that comes to their first line is set back")),
-            ("free surface", format!("sum over neighbours below its value half-way between two rows of the lattice, whose pressure counts for what holds it{shifting}")),
+            (
+                "free surface",
+                format!(
+                    "sum over neighbours below its value half-way between two rows of the lattice, whose pressure counts for what holds it{shifting}"
+                ),
+            ),
             ("linear system", "none".to_owned()),
             ("work of a step", "five sums over neighbours, and two for each sound step".to_owned()),
         ]

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::sums::{Forces, Stress};
+use super::before::follow;
 use super::settings::{BrokenRule, Settings, Still, changed, paper_departures};
 use super::{Medium, Preset, Scheme, StepError, StepReport};
 use crate::domain::Domain;
@@ -284,6 +285,8 @@ pub struct Wcsph<K, const D: usize> {
     pressed: Vec<f64>,
     /// `μ T/ρ²` of each particle, the viscous part of (21).
     stress: Vec<Tensor<D>>,
+    /// The state before the step, to be taken back; before a step, room for the one after it.
+    before: State<D>,
     /// Velocity at the half step before, m/s.
     v_half: Vec<Vector<D>>,
     /// Density at the half step before, kg/m³.
@@ -294,6 +297,44 @@ pub struct Wcsph<K, const D: usize> {
     fresh: Vec<f64>,
     /// Steps since densities were set anew.
     since_reset: u64,
+}
+
+/// What a step changes: columns of all rows.
+#[derive(Default)]
+struct State<const D: usize> {
+    kind: Vec<Kind>,
+    x: Vec<Vector<D>>,
+    v: Vec<Vector<D>>,
+    density: Vec<f64>,
+    pressure: Vec<f64>,
+    acceleration: Vec<Vector<D>>,
+    density_rate: Vec<f64>,
+    force: Vec<Vector<D>>,
+}
+
+impl<const D: usize> State<D> {
+    /// Makes it `rows` long.
+    fn resize(&mut self, rows: usize) {
+        self.kind.resize(rows, Kind::Lost);
+        for column in [&mut self.x, &mut self.v, &mut self.acceleration, &mut self.force] {
+            column.resize(rows, Vector::ZERO);
+        }
+        for column in [&mut self.density, &mut self.pressure, &mut self.density_rate] {
+            column.resize(rows, 0.0);
+        }
+    }
+
+    /// Changes places with the columns of `p`.
+    fn swap(&mut self, p: &mut Particles<D>) {
+        std::mem::swap(&mut self.kind, &mut p.kind);
+        std::mem::swap(&mut self.x, &mut p.x);
+        std::mem::swap(&mut self.v, &mut p.v);
+        std::mem::swap(&mut self.density, &mut p.density);
+        std::mem::swap(&mut self.pressure, &mut p.pressure);
+        std::mem::swap(&mut self.acceleration, &mut p.acceleration);
+        std::mem::swap(&mut self.density_rate, &mut p.density_rate);
+        std::mem::swap(&mut self.force, &mut p.force);
+    }
 }
 
 impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
@@ -324,6 +365,7 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
             sound: Vec::new(),
             pressed: Vec::new(),
             stress: Vec::new(),
+            before: State::default(),
             v_half: Vec::new(),
             density_half: Vec::new(),
             dt_before: None,
@@ -369,20 +411,17 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
                 (*v, *density) = (*v + kick * acceleration[a], *density + kick * rate[a]);
             }
         });
-        let (v_half, density_half) = (&self.v_half, &self.density_half);
+        let (v_half, density_half, next) = (&self.v_half, &self.density_half, &mut self.before);
+        next.resize(p.len());
+        next.kind.copy_from_slice(&p.kind);
         // (28) drift: x^{n+1} = x^n + Δt v^{n+1/2}
-        update(&mut p.x[..owned], |a, x| {
-            if kind[a] == Kind::Fluid {
-                *x += dt * v_half[a];
-            }
-        });
+        sweep(&mut next.x[..owned], |a| if kind[a] == Kind::Fluid { p.x[a] + dt * v_half[a] } else { p.x[a] });
         // (27) predict the whole step from the half step, with the rates of the old positions
-        update2(&mut p.v[..owned], &mut p.density[..owned], |a, v, density| {
-            if kind[a] == Kind::Fluid {
-                *v = v_half[a] + 0.5 * dt * acceleration[a];
-                *density = density_half[a] + 0.5 * dt * rate[a];
-            }
+        sweep2(&mut next.v[..owned], &mut next.density[..owned], |a| match kind[a] {
+            Kind::Fluid => (v_half[a] + 0.5 * dt * acceleration[a], density_half[a] + 0.5 * dt * rate[a]),
+            Kind::Wall | Kind::Lost => (p.v[a], p.density[a]),
         });
+        next.swap(p);
         self.dt_before = Some(dt);
     }
 
@@ -536,6 +575,18 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Wcsph<K, D> {
     fn time_step(&self, p: &Particles<D>) -> StepLimit {
         let fastest = largest(p.owned(), |a| self.sound[a] + p.v[a].norm());
         StepLimit::new(self.medium.courant * p.h_min() / fastest, "sound")
+    }
+
+    fn takes_back(&self) -> bool {
+        true
+    }
+
+    fn take_back(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+        // There may be more ghosts than before, or fewer: they follow their parents.
+        self.before.resize(p.len());
+        self.before.swap(p);
+        domain.refresh_column(&mut p.kind);
+        follow(p, domain);
     }
 
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
