@@ -64,6 +64,15 @@ pub struct Neighbors<const D: usize> {
     room: Vec<Record>,
 }
 
+/// What wall particles behind the first line have in their lists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum BehindWalls {
+    /// All that is near.
+    Everyone,
+    /// Fluid alone: all that sums over the fluid in front of a wall need.
+    Fluid,
+}
+
 /// The neighbours of `BLOCK` consecutive particles. Those of a particle start at a multiple of [`LANES`]; what is left of the last
 /// eight is filled with the row behind all particles, where nobody is.
 #[derive(Clone, Debug, Default)]
@@ -152,7 +161,7 @@ impl<const D: usize> Neighbors<D> {
     /// A position that is not finite.
     pub fn build(&mut self, p: &Particles<D>, support: f64, search: Search) -> Result<(), SearchError> {
         let mut room = std::mem::take(&mut self.room);
-        let listed = self.list(p, support, search, &mut room);
+        let listed = self.list(p, support, search, BehindWalls::Everyone, &mut room);
         self.room = room;
         listed.map(|()| self.follow(p))
     }
@@ -162,7 +171,14 @@ impl<const D: usize> Neighbors<D> {
     ///
     /// # Errors
     /// A position that is not finite.
-    pub(crate) fn list(&mut self, p: &Particles<D>, support: f64, search: Search, room: &mut Vec<Record>) -> Result<(), SearchError> {
+    pub(crate) fn list(
+        &mut self,
+        p: &Particles<D>,
+        support: f64,
+        search: Search,
+        behind: BehindWalls,
+        room: &mut Vec<Record>,
+    ) -> Result<(), SearchError> {
         if let Some(particle) = p.x.iter().position(|x| !x.is_finite()) {
             return Err(SearchError::NotFinite { particle });
         }
@@ -179,7 +195,7 @@ impl<const D: usize> Neighbors<D> {
         let sorted = (search == Search::Grid).then(|| Sorted { grid: &grid, columns: Record::flat(room), length: p.len() + LANES });
         // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
         self.segments.par_iter_mut().enumerate().with_max_len(4).for_each_init(Vec::new, |list, (block, segment)| {
-            dispatch(set, Listing { p, sorted, support, nobody, first: block * BLOCK, list, segment });
+            dispatch(set, Listing { p, sorted, support, behind, nobody, first: block * BLOCK, list, segment });
         });
         self.grid = grid;
         Ok(())
@@ -360,6 +376,7 @@ struct Listing<'a, const D: usize> {
     /// None for a direct search.
     sorted: Option<Sorted<'a, D>>,
     support: f64,
+    behind: BehindWalls,
     nobody: u32,
     first: usize,
     list: &'a mut Vec<u32>,
@@ -369,15 +386,16 @@ struct Listing<'a, const D: usize> {
 impl<const D: usize> Job for Listing<'_, D> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { p, sorted, support, nobody, first, list, segment } = self;
+        let Self { p, sorted, support, behind, nobody, first, list, segment } = self;
         segment.ends.clear();
         list.clear();
         for a in first..p.owned().min(first + BLOCK) {
             list.resize(list.len().next_multiple_of(LANES), nobody);
+            let fluid_alone = behind == BehindWalls::Fluid && p.kind[a] == Kind::Wall && p.layer[a] > 1;
             match sorted {
                 _ if p.kind[a] == Kind::Lost => {}
-                None => all_near(p, support, a, list),
-                Some(sorted) => sorted.near::<L>(a, p.x[a], p.h[a], support, list),
+                None => all_near(p, support, a, fluid_alone, list),
+                Some(sorted) => sorted.near::<L>(a, p.x[a], p.h[a], support, fluid_alone, list),
             }
             segment.ends.push(list.len() as u32);
         }
@@ -387,11 +405,11 @@ impl<const D: usize> Job for Listing<'_, D> {
 }
 
 /// Appends the neighbours of `a`, found by looking at every particle.
-fn all_near<const D: usize>(p: &Particles<D>, support: f64, a: usize, list: &mut Vec<u32>) {
+fn all_near<const D: usize>(p: &Particles<D>, support: f64, a: usize, fluid_alone: bool, list: &mut Vec<u32>) {
     let (x_a, h_a) = (p.x[a], p.h[a]);
     for b in 0..p.len() {
         let reach = support * (0.5 * (h_a + p.h[b]));
-        if (x_a - p.x[b]).norm_squared() <= reach * reach && b != a && p.kind[b] != Kind::Lost {
+        if (x_a - p.x[b]).norm_squared() <= reach * reach && b != a && p.kind[b] != Kind::Lost && (p.is_fluid(b) || !fluid_alone) {
             list.push(b as u32);
         }
     }
@@ -415,7 +433,7 @@ struct Grid<const D: usize> {
 #[derive(Clone, Copy)]
 struct Sorted<'a, const D: usize> {
     grid: &'a Grid<D>,
-    /// A column for each axis, and one of smoothing lengths, m.
+    /// A column for each axis, one of smoothing lengths, and one of those of fluid, which has [`OUT_OF_REACH`] for others; m.
     columns: &'a [f64],
     /// Of a column: longer by [`LANES`] than there are particles, so that eight can be read from every place.
     length: usize,
@@ -426,6 +444,9 @@ impl<const D: usize> Default for Grid<D> {
         Self { min: Vector::ZERO, edge: 0.0, cells: [0; D], starts: Vec::new(), cell_of: Vec::new(), rows: Vec::new() }
     }
 }
+
+/// The smoothing length, m, of those that nobody finds: less than the negative of any.
+const OUT_OF_REACH: f64 = -1e30;
 
 /// Cells allowed for each particle; a sparse cloud gets larger cells instead of more memory.
 const CELLS_PER_PARTICLE: usize = 4;
@@ -472,16 +493,16 @@ impl<const D: usize> Grid<D> {
         }
         let rows = &self.rows[..p.len()];
         let length = p.len() + LANES;
-        let needed = ((D + 1) * length).div_ceil(LANES);
+        let needed = ((D + 2) * length).div_ceil(LANES);
         if room.len() < needed {
             room.resize(needed, NOBODY);
         }
-        for (d, column) in Record::flat_mut(room).chunks_exact_mut(length).take(D + 1).enumerate() {
+        for (d, column) in Record::flat_mut(room).chunks_exact_mut(length).take(D + 2).enumerate() {
             let column = &mut column[..p.len()];
-            if d < D {
-                sweep(column, |i| p.x[rows[i] as usize][d]);
-            } else {
-                sweep(column, |i| p.h[rows[i] as usize]);
+            match d {
+                d if d < D => sweep(column, |i| p.x[rows[i] as usize][d]),
+                d if d == D => sweep(column, |i| p.h[rows[i] as usize]),
+                _ => sweep(column, |i| if p.is_fluid(rows[i] as usize) { p.h[rows[i] as usize] } else { OUT_OF_REACH }),
             }
         }
     }
@@ -532,9 +553,10 @@ impl<const D: usize> Grid<D> {
 impl<const D: usize> Sorted<'_, D> {
     /// Appends the neighbours of particle `a`, which lies within the grid, eight candidates at a time.
     #[inline(always)]
-    fn near<L: Lanes>(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, list: &mut Vec<u32>) {
+    fn near<L: Lanes>(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, fluid_alone: bool, list: &mut Vec<u32>) {
         let Self { grid, columns, length } = *self;
-        let (mut xs, hs) = ([columns; D], &columns[D * length..]);
+        let lengths = if fluid_alone { D + 1 } else { D };
+        let (mut xs, hs) = ([columns; D], &columns[lengths * length..(lengths + 1) * length]);
         for d in 0..D {
             xs[d] = &columns[d * length..(d + 1) * length];
         }
@@ -551,7 +573,7 @@ impl<const D: usize> Sorted<'_, D> {
             let mut found = list.len();
             list.resize(found + run.len() + LANES, 0);
             for i in run.clone().step_by(LANES) {
-                let reach = (L::splat(h_a) + L::from_array(eight(hs, i))) * (0.5 * support);
+                let reach = ((L::splat(h_a) + L::from_array(eight(hs, i))) * (0.5 * support)).at_least(L::splat(0.0));
                 let mut square = L::splat(0.0);
                 for d in 0..D {
                     let away = L::splat(x_a[d]) - L::from_array(eight(xs[d], i));

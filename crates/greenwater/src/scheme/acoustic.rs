@@ -17,7 +17,7 @@ use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::lanes::{InstructionSet, LANES, Real, Record, sweep_lanes, sweep_lanes2};
 use crate::math::Vector;
-use crate::neighbors::{NOBODY, Neighbors, Search};
+use crate::neighbors::{BehindWalls, NOBODY, Neighbors, Search};
 use crate::particles::{Kind, Order, Particles};
 use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new_density};
 use crate::physics::damping::Damping;
@@ -411,9 +411,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         let support = self.kernel.radius() + SKIN;
         domain.refresh(p, support * p.h_max());
-        self.near.list(p, support, self.plan.search, &mut self.end)?;
-        if self.plan.walls == WallPressure::GhostNodes {
-            self.near.follow(p);
+        match self.plan.walls {
+            WallPressure::Adami => self.near.list(p, support, self.plan.search, BehindWalls::Fluid, &mut self.end)?,
+            WallPressure::GhostNodes => {
+                self.near.list(p, support, self.plan.search, BehindWalls::Everyone, &mut self.end)?;
+                self.near.follow(p);
+            }
         }
         self.walls.search(self.kernel, &self.near, p, self.medium.spacing, self.kernel.radius());
         take_lengths(p, &mut self.lengths);

@@ -19,7 +19,7 @@ use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::lanes::{Lanes, sweep_lanes};
 use crate::math::{Matrix, Vector, transform};
-use crate::neighbors::{Neighbors, PairColumn, RowsOfPairs};
+use crate::neighbors::{BehindWalls, Neighbors, PairColumn, RowsOfPairs};
 use crate::particles::{Kind, Particles};
 use crate::physics::arrangement::{Arrangement, Place, across, known_along};
 use crate::physics::damping::Damping;
@@ -166,7 +166,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         domain.refresh(p, self.kernel.radius() * p.h_max());
         // Records are made anew after the search.
         let Flow { near, sense, settings, .. } = &mut self.flow;
-        near.list(p, self.kernel.radius(), settings.search, &mut sense.records)?;
+        near.list(p, self.kernel.radius(), settings.search, BehindWalls::Everyone, &mut sense.records)?;
         near.follow(p);
         let (kernel, rest, owned) = (self.kernel, self.flow.medium.rest_density, p.owned());
         let flow = &mut self.flow;

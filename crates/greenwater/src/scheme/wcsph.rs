@@ -13,7 +13,7 @@ use crate::domain::Domain;
 use crate::kernel::{CubicSpline, Kernel, KernelName};
 use crate::lanes::{sweep_lanes, sweep_lanes2};
 use crate::math::Vector;
-use crate::neighbors::{Neighbors, Search};
+use crate::neighbors::{BehindWalls, Neighbors, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::consistency::{DensityReset, new_density};
 use crate::physics::pairs::{Pairs, Sense};
@@ -430,7 +430,7 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
         phases.measure("search", || {
             domain.refresh(p, self.kernel.radius() * p.h_max());
             // Records are made anew after the search.
-            self.near.list(p, self.kernel.radius(), self.settings.search, &mut self.sense.records)?;
+            self.near.list(p, self.kernel.radius(), self.settings.search, BehindWalls::Everyone, &mut self.sense.records)?;
             self.near.follow(p);
             self.sense.fill(p, |a| p.v[a], |a| p.density[a]);
             Ok::<_, StepError>(())
