@@ -682,6 +682,27 @@ mod tests {
         same_pairs(&space, 3.0);
     }
 
+    #[test]
+    fn walls_behind_the_first_line_can_do_with_fluid_and_others_lose_nobody() {
+        let mut next = random(7);
+        let mut p = set((0..600).map(|_| (Vector([next(), next()]), 0.03 + 0.02 * next())));
+        for a in 0..600 {
+            (p.kind[a], p.layer[a]) = if a % 3 == 0 { (Kind::Fluid, 0) } else { (Kind::Wall, 1 + (a % 2) as u8) };
+        }
+        let mut all = Neighbors::new();
+        all.build(&p, 2.0, Search::Direct).unwrap();
+        for search in [Search::Direct, Search::Grid] {
+            let (mut near, mut room) = (Neighbors::new(), Vec::new());
+            near.list(&p, 2.0, search, BehindWalls::Fluid, &mut room).unwrap();
+            let mut expected = sorted(&all, 600);
+            for (a, list) in expected.iter_mut().enumerate() {
+                list.retain(|&b| p.layer[a] < 2 || p.is_fluid(b as usize));
+            }
+            assert_eq!(sorted(&near, 600), expected, "{search:?}");
+            assert!(near.pairs() < all.pairs());
+        }
+    }
+
     /// Lattice points lie exactly on cell faces and exactly at the reach.
     #[test]
     fn lattices_on_cell_faces_lose_no_pair_near_the_origin_and_far_from_it() {
