@@ -189,7 +189,7 @@ impl<const D: usize> Neighbors<D> {
         let mut grid = std::mem::take(&mut self.grid);
         match search {
             Search::Direct => grid.starts.clear(),
-            Search::Grid => grid.sort(p, support * p.h_max(), room),
+            Search::Grid => grid.sort(p, support * p.h_max(), behind, room),
         }
         let (set, nobody) = (InstructionSet::of_this_machine(), self.nobody);
         let sorted = (search == Search::Grid).then(|| Sorted { grid: &grid, columns: Record::flat(room), length: p.len() + LANES });
@@ -433,7 +433,8 @@ struct Grid<const D: usize> {
 #[derive(Clone, Copy)]
 struct Sorted<'a, const D: usize> {
     grid: &'a Grid<D>,
-    /// A column for each axis, one of smoothing lengths, and one of those of fluid, which has [`OUT_OF_REACH`] for others; m.
+    /// A column for each axis, one of smoothing lengths, and where lists of [`BehindWalls::Fluid`] are made one of those of fluid, with
+    /// [`OUT_OF_REACH`] for others; m.
     columns: &'a [f64],
     /// Of a column: longer by [`LANES`] than there are particles, so that eight can be read from every place.
     length: usize,
@@ -453,7 +454,7 @@ const CELLS_PER_PARTICLE: usize = 4;
 
 impl<const D: usize> Grid<D> {
     /// Counting sort of all particles into cells of edge `reach`, m, or larger; the columns of [`Sorted`] stand in `room`.
-    fn sort(&mut self, p: &Particles<D>, reach: f64, room: &mut Vec<Record>) {
+    fn sort(&mut self, p: &Particles<D>, reach: f64, behind: BehindWalls, room: &mut Vec<Record>) {
         let (min, max) = bounds(&p.x);
         self.min = min;
         // A hair wider than the reach: two particles exactly that far apart stay in adjacent cells whatever the rounding.
@@ -493,11 +494,12 @@ impl<const D: usize> Grid<D> {
         }
         let rows = &self.rows[..p.len()];
         let length = p.len() + LANES;
-        let needed = ((D + 2) * length).div_ceil(LANES);
+        let columns = D + if behind == BehindWalls::Fluid { 2 } else { 1 };
+        let needed = (columns * length).div_ceil(LANES);
         if room.len() < needed {
             room.resize(needed, NOBODY);
         }
-        for (d, column) in Record::flat_mut(room).chunks_exact_mut(length).take(D + 2).enumerate() {
+        for (d, column) in Record::flat_mut(room).chunks_exact_mut(length).take(columns).enumerate() {
             let column = &mut column[..p.len()];
             match d {
                 d if d < D => sweep(column, |i| p.x[rows[i] as usize][d]),

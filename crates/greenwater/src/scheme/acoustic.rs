@@ -619,8 +619,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     /// on an oblique wall would be disturbed: its line is a staircase.
     fn guard(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (owned, spacing) = (p.owned(), self.medium.spacing);
-        let looked_for_walls = |a: usize| self.plan.suction == WallSuction::None && self.place[a] != Place::Surface;
-        let beside_walls = |a: usize| p.kind[a] == Kind::Fluid && !(looked_for_walls(a) && self.bulk[a].least != 0.0);
+        // Of fluid of the surface, and where walls pull, nobody has looked whether a wall is near.
+        let beside_walls = |a: usize| {
+            let may_be = self.plan.suction == WallSuction::Full || self.place[a] == Place::Surface || self.bulk[a].least == 0.0;
+            may_be && p.kind[a] == Kind::Fluid
+        };
         let guarded = |a: usize| {
             let mut moved = Guarded::moved(self.middle[a].x(), self.middle[a].v());
             for &b in self.near.of(a) {
@@ -896,5 +899,22 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         phases.measure("walls", || self.press_walls(p, domain));
         phases.measure("motion", || self.settle(p, domain, dt));
         Ok(StepReport { evaluations: Some(count as usize), listed_pairs: Some(self.near.pairs()), ..StepReport::default() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_found_about_a_particle_is_told_again() {
+        let fluid = Finding::of_fluid(&[Vector([0.5, 1.0]), Vector([-1.0, -0.5])], 1.5);
+        assert_eq!([fluid.stretch(0, 0), fluid.stretch(0, 1), fluid.stretch(1, 1), fluid.weight()], [0.5, 0.0, -0.5, 1.5]);
+        // A pull of 0.5 along one axis and a push along the other; 1e-15: a root. What turns as a whole is not strained.
+        assert!((fluid.strain_rate() - 0.5_f64.sqrt()).abs() < 1e-15);
+        let sheared = Finding::of_fluid(&[Vector([0.0, 2.0]), Vector([0.0, 0.0])], 1.0);
+        assert!((sheared.strain_rate() - 2.0_f64.sqrt()).abs() < 1e-15);
+        assert_eq!(Finding::<3>::NOTHING.strain_rate(), 0.0);
+        assert_eq!(Finding::of_wall(Vector::<3>::unit(2)).normal(), Vector::unit(2));
     }
 }

@@ -237,7 +237,8 @@ impl Settings for DeltaSphSettings {
 ///
 /// A particle stands for the volume `m/ρ0` throughout. With `m/ρ` a lattice that starts uncompressed would carry the pressure
 /// `ρ0 g d (ρ/ρ0)²`, 0.5 % too much under a depth `H`; the two differ by the square of the Mach number.
-/// `s` is one but in the row at the free surface, where it makes up for the neighbours that are not there, see [`Lattice::surface_weight`](crate::physics::lattice::Lattice::surface_weight).
+/// `s` is one but in the row at the free surface, where it makes up for the neighbours that are not there, see
+/// [`Lattice::surface_weight`](crate::physics::lattice::Lattice::surface_weight).
 /// `d_ab` is the approach of a pair less what a linear flow explains of it, once a step (see `physics::damping`).
 /// The pressure in forces has that of the acoustic damper, `−α2 ρ0 c0 h ∇·v`, added away from the free surface.
 /// Every force is equal and opposite in a pair. Diffusion and artificial viscosity act between fluid particles only.
