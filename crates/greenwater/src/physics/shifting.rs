@@ -1,26 +1,25 @@
 //! Shifting: small moves that keep particles evenly spaced.
 
-use crate::lanes::Real;
-use crate::math::{Vector, power};
+use crate::math::Vector;
 
-/// `R` of (Sun et al. 2017): extra push of pairs that are too close, dimensionless (Monaghan 2000).
-const PUSH: f64 = 0.2;
-
-/// Weight of a pair in the concentration gradient, dimensionless: `1 + R (W_ab/W(Δx))⁴` (Sun et al. 2017).
+/// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b ∇_a W_ab`, no longer than `U dt/2` (Sun et al. 2017, 2019), and of the sum
+/// no more than makes it even. `concentration` is the sum, 1/m; `speed` is `U`, m/s; `stiffness` is how the sum of the stiffest wave of a lattice
+/// changes with its displacements, 1/m² ([`Lattice::stiffness`](super::lattice::Lattice::stiffness)): shifts of more than twice its inverse overshoot and grow.
 ///
-/// `w_ratio` is `W_ab/W(Δx)`.
-#[inline(always)]
-pub fn pair_weight<L: Real>(w_ratio: L) -> L {
-    power(w_ratio, 4) * PUSH + 1.0
-}
-
-/// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b [1 + R (W_ab/W(Δx))⁴] ∇_a W_ab`, no longer than `U dt/2`
-/// (Sun et al. 2017, 2019). `concentration` is the sum, 1/m; `speed` is `U`, m/s.
+/// The push that Sun et al. give close pairs beside, `1 + 0.2 (W_ab/W(Δx))⁴`, is left out: under it a square lattice gives way, which the pressure of
+/// `h = 2` spacings holds, and holds the triangular one, which gives way to the pressure. Shifts and pressure would move particles without end.
 ///
 /// Near a free surface pass its unit `normal`: only the part along the surface is kept.
 #[inline]
-pub fn shift<const D: usize>(concentration: Vector<D>, h: f64, speed: f64, dt: f64, normal: Option<Vector<D>>) -> Vector<D> {
-    let mut move_by = -2.0 * h * speed * dt * concentration;
+pub fn shift<const D: usize>(
+    concentration: Vector<D>,
+    h: f64,
+    speed: f64,
+    dt: f64,
+    stiffness: f64,
+    normal: Option<Vector<D>>,
+) -> Vector<D> {
+    let mut move_by = -(2.0 * h * speed * dt).min(1.0 / stiffness) * concentration;
     if let Some(n) = normal {
         move_by -= move_by.dot(n) * n;
     }
@@ -30,9 +29,9 @@ pub fn shift<const D: usize>(concentration: Vector<D>, h: f64, speed: f64, dt: f
 
 /// What the difference of velocities over `h` is multiplied by: a kernel of two spacings barely sees an uneven lattice, and shifts have to
 /// keep up with the strain that makes it so.
-const STRAIN: f64 = 10.0;
+const STRAIN: f64 = 20.0;
 
-/// Speed that shifts go by, m/s: `10 h √(D:D)`, at most `fastest`; `strain` is the rate of strain, 1/s.
+/// Speed that shifts go by, m/s: `20 h √(D:D)`, at most `fastest`; `strain` is the rate of strain, 1/s.
 ///
 /// Strain is what makes particles uneven. A speed measured by it is the same for every observer, and zero in liquid that is at rest,
 /// falls or turns as a whole, however fast a drop flies elsewhere (after Michel, Vergnaud, Oger, Hermange & Le Touzé, J. Comput.
@@ -70,17 +69,17 @@ mod tests {
     #[test]
     fn liquid_without_strain_is_not_shifted_and_strained_liquid_no_faster_than_it_flows() {
         assert_eq!(shift_speed(0.0, 0.1, 2.0), 0.0);
-        assert_eq!(shift_speed(0.7, 0.1, 2.0), 0.7);
+        assert_eq!(shift_speed(0.7, 0.1, 2.0), 1.4);
         assert_eq!(shift_speed(0.7, 0.1, 0.2), 0.2);
     }
 
     #[test]
     fn shifts_go_down_the_concentration_along_the_surface_and_not_too_far() {
-        let free = shift(Vector([0.1, 0.2]), 0.05, 2.0, 1e-3, None);
+        let free = shift(Vector([0.1, 0.2]), 0.05, 2.0, 1e-3, 1.0, None);
         assert!(free[0] < 0.0 && free[1] < 0.0);
-        let along = shift(Vector([0.1, 0.2]), 0.05, 2.0, 1e-3, Some(Vector([0.0, 1.0])));
+        let along = shift(Vector([0.1, 0.2]), 0.05, 2.0, 1e-3, 1.0, Some(Vector([0.0, 1.0])));
         assert_eq!(along, Vector([free[0], 0.0]));
         // 1e-15: round-off of the scaling.
-        assert!((shift(Vector([1e3, 0.0]), 0.05, 2.0, 1e-3, None).norm() - 1e-3).abs() < 1e-15);
+        assert!((shift(Vector([1e3, 0.0]), 0.05, 2.0, 1e-3, 1.0, None).norm() - 1e-3).abs() < 1e-15);
     }
 }

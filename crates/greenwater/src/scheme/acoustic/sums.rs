@@ -191,7 +191,7 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
         let length = outward.norm();
         let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
         let concentration = scales[1] * totals(found.concentration);
-        let by = shift(concentration, h, shifting * shift_speed(strain, h, self.fastest), self.dt, normal);
+        let by = shift(concentration, h, shifting * shift_speed(strain, h, self.fastest), self.dt, self.lattice.stiffness, normal);
         let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
         let (missing, weight) = match place {
             Place::Near => {
