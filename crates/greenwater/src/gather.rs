@@ -19,50 +19,154 @@ impl<T: Copy + Default> Default for Lanes<T> {
     }
 }
 
-/// The columns of rows, sixteen rows a slice. Where a row is shorter than the longest of its slice, it is filled up with itself; weights there
-/// are to be zero.
+/// The columns of rows, sixteen rows a slice. Where a row is shorter than the longest of its slice, it is filled up with a column of another
+/// one; weights there are to be zero.
 #[derive(Clone, Debug, Default)]
 pub struct Slices {
     /// Where each slice ends in `columns`.
     ends: Vec<u32>,
-    columns: Vec<Lanes<u32>>,
+    columns: Columns,
     /// Above every column.
     bound: usize,
+}
+
+/// Columns that lie near each other, as those of rows in the order of space do, take half the memory, which sums wait for.
+#[derive(Clone, Debug)]
+enum Columns {
+    /// From the number on, which lies before the first of them by half of what two bytes hold.
+    Near(u32, Vec<Narrow>),
+    Far(Vec<Lanes<u32>>),
+}
+
+impl Default for Columns {
+    fn default() -> Self {
+        Self::Near(0, Vec::new())
+    }
+}
+
+/// A short number for each row of a slice, on half a cache line.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+struct Narrow([u16; LANES]);
+
+/// An entry of each row of a slice: sixteen columns, aligned to their size.
+trait Entry {
+    /// Whether a column takes two bytes, not four.
+    const NARROW: bool;
+
+    fn column(&self, lane: usize) -> u32;
+}
+
+impl Entry for Narrow {
+    const NARROW: bool = true;
+
+    #[inline(always)]
+    fn column(&self, lane: usize) -> u32 {
+        u32::from(self.0[lane])
+    }
+}
+
+impl Entry for Lanes<u32> {
+    const NARROW: bool = false;
+
+    #[inline(always)]
+    fn column(&self, lane: usize) -> u32 {
+        self.0[lane]
+    }
+}
+
+/// `$sum` with the entries of `$slices` as they are stored, and with `$x` from the first of their columns on.
+macro_rules! with_entries {
+    ($slices:expr, $x:ident, |$columns:ident| $sum:expr) => {
+        match &$slices.columns {
+            Columns::Near(low, $columns) => {
+                let $x = &$x[*low as usize..];
+                $sum
+            }
+            Columns::Far($columns) => $sum,
+        }
+    };
 }
 
 impl Slices {
     /// Forgets all rows; storage stays.
     pub fn clear(&mut self) {
         self.ends.clear();
-        self.columns.clear();
+        match &mut self.columns {
+            Columns::Near(_, columns) => columns.clear(),
+            Columns::Far(columns) => columns.clear(),
+        }
         self.bound = 0;
     }
 
-    /// Appends an entry to each row of the slice that is open: the row itself, until [set](Self::set) to another column.
+    /// Appends an entry to each row of the slice that is open: this column, until [set](Self::set) to another one.
     #[inline]
-    pub fn grow(&mut self, own: &Lanes<u32>) {
-        let last = own.0.iter().fold(0, |last, &column| last.max(column));
-        self.bound = self.bound.max(last as usize + 1);
-        self.columns.push(*own);
+    pub fn grow(&mut self, column: u32) {
+        if self.entries() == 0 {
+            let near = if let Columns::Near(_, near) = std::mem::take(&mut self.columns) { near } else { Vec::new() };
+            self.columns = Columns::Near(column.saturating_sub(1 << 15), near);
+        }
+        match &mut self.columns {
+            Columns::Near(low, columns) => {
+                let near = u16::try_from(column.wrapping_sub(*low));
+                columns.push(Narrow([near.unwrap_or(0); LANES]));
+                if near.is_err() {
+                    let last = columns.len() - 1;
+                    (0..LANES).for_each(|lane| self.set(last, lane, column));
+                }
+            }
+            Columns::Far(columns) => columns.push(Lanes([column; LANES])),
+        }
     }
 
     /// Sets the column of a lane in an entry.
     #[inline(always)]
     pub fn set(&mut self, entry: usize, lane: usize, column: u32) {
-        self.columns[entry].0[lane] = column;
         self.bound = self.bound.max(column as usize + 1);
+        if let Columns::Near(low, columns) = &mut self.columns {
+            if let Ok(near) = u16::try_from(column.wrapping_sub(*low)) {
+                columns[entry].0[lane] = near;
+                return;
+            }
+            self.columns = Columns::Far(columns.iter().map(|near| Lanes(near.0.map(|column| *low + u32::from(column)))).collect());
+        }
+        if let Columns::Far(columns) = &mut self.columns {
+            columns[entry].0[lane] = column;
+        }
     }
 
     /// Ends the slice that is open.
     pub fn close(&mut self) {
         // Gathers take 32-bit indices with a sign.
         assert!(self.bound < i32::MAX as usize, "column {} does not fit an index", self.bound - 1);
-        self.ends.push(self.columns.len() as u32);
+        self.ends.push(self.entries() as u32);
     }
 
     /// Gives back room for more than so many entries.
     pub fn shrink_to(&mut self, entries: usize) {
-        self.columns.shrink_to(entries);
+        match &mut self.columns {
+            Columns::Near(_, columns) => columns.shrink_to(entries),
+            Columns::Far(columns) => columns.shrink_to(entries),
+        }
+    }
+
+    /// Entries of a row and of those beside it, of all slices.
+    fn entries(&self) -> usize {
+        match &self.columns {
+            Columns::Near(_, columns) => columns.len(),
+            Columns::Far(columns) => columns.len(),
+        }
+    }
+
+    /// The columns of row `lane` of slice `s`.
+    #[inline]
+    pub fn row(&self, s: usize, lane: usize) -> impl Iterator<Item = u32> + '_ {
+        // One of the two is empty.
+        let (low, near, far): (u32, &[Narrow], &[Lanes<u32>]) = match &self.columns {
+            Columns::Near(low, columns) => (*low, &columns[self.range(s)], &[]),
+            Columns::Far(columns) => (0, &[], &columns[self.range(s)]),
+        };
+        near.iter().map(move |columns| low + columns.column(lane)).chain(far.iter().map(move |columns| columns.column(lane)))
     }
 
     /// The entries of slice `s`.
@@ -70,32 +174,33 @@ impl Slices {
         (if s == 0 { 0 } else { self.ends[s - 1] as usize })..self.ends[s] as usize
     }
 
-    /// The columns, entry by entry.
-    pub fn columns(&self) -> &[Lanes<u32>] {
-        &self.columns
-    }
-
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
-        4 * self.ends.capacity() + size_of::<Lanes<u32>>() * self.columns.capacity()
+        let columns = match &self.columns {
+            Columns::Near(_, columns) => size_of::<Narrow>() * columns.capacity(),
+            Columns::Far(columns) => size_of::<Lanes<u32>>() * columns.capacity(),
+        };
+        4 * self.ends.capacity() + columns
     }
 
     /// `Σ_k w_k x[c_k]` of every row, for each of several weights; `out` have an entry for each lane of each slice.
     #[inline]
     pub fn spread<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[f32], out: [&mut [f32]; S]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx512f") {
-                // SAFETY: the processor has AVX-512F; columns are below `bound`, which is not above `x.len()` nor `i32::MAX`.
-                return unsafe { avx512::spread_all(self, w, x, out) };
+        with_entries!(self, x, |columns| {
+            #[cfg(target_arch = "x86_64")]
+            {
+                if is_x86_feature_detected!("avx512f") {
+                    // SAFETY: the processor has AVX-512F; columns are below `bound`, which is not above `x.len()` nor `i32::MAX`.
+                    return unsafe { avx512::spread_all(self, columns, w, x, out) };
+                }
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: as above, with AVX2.
+                    return unsafe { avx2::spread_all(self, columns, w, x, out) };
+                }
             }
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: as above, with AVX2.
-                return unsafe { avx2::spread_all(self, w, x, out) };
-            }
-        }
-        portable::spread_all(self, w, x, out);
+            portable::spread_all(self, columns, w, x, out);
+        });
     }
 
     /// `Σ_k Σ_s w_sk x[c_k]_s` of every row.
@@ -103,67 +208,73 @@ impl Slices {
     pub fn join<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[[f32; S]], out: &mut [f32]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
         assert!(x.len() * S < i32::MAX as usize, "{} values of {S} numbers do not fit an index", x.len());
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx512f") {
-                // SAFETY: as in `spread`; `S` columns fit an index.
-                return unsafe { avx512::join_all(self, w, x, out) };
+        with_entries!(self, x, |columns| {
+            #[cfg(target_arch = "x86_64")]
+            {
+                if is_x86_feature_detected!("avx512f") {
+                    // SAFETY: as in `spread`; `S` columns fit an index.
+                    return unsafe { avx512::join_all(self, columns, w, x, out) };
+                }
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: as in `spread`; `S` columns fit an index.
+                    return unsafe { avx2::join_all(self, columns, w, x, out) };
+                }
             }
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: as in `spread`; `S` columns fit an index.
-                return unsafe { avx2::join_all(self, w, x, out) };
-            }
-        }
-        portable::join_all(self, w, x, out);
+            portable::join_all(self, columns, w, x, out);
+        });
     }
 
     /// `Σ_k w_k (x[c_k] − own)` of the rows of slice `s` for each of several weights, in double precision.
     #[inline]
     pub fn rise<const S: usize>(&self, s: usize, w: [&[Lanes<f32>]; S], x: &[f64], own: &Lanes<f64>) -> [Lanes<f64>; S] {
         let range = self.range(s);
-        let columns = &self.columns[range.clone()];
         let w = w.map(|w| &w[range.clone()]);
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx512f") {
-            // SAFETY: as in `spread`.
-            return unsafe { avx512::rise(columns, w, x, own) };
-        }
-        portable::rise(columns, w, x, own)
+        with_entries!(self, x, |columns| {
+            #[cfg(target_arch = "x86_64")]
+            if is_x86_feature_detected!("avx512f") {
+                // SAFETY: as in `spread`.
+                return unsafe { avx512::rise(&columns[range], w, x, own) };
+            }
+            portable::rise(&columns[range], w, x, own)
+        })
     }
 
     /// `Σ_k (x[c_k]_i − own_i) w_jk` of the rows of slice `s` for all `i` and `j`, in double precision.
     #[inline]
     pub fn strain<const S: usize>(&self, s: usize, w: [&[Lanes<f32>]; S], x: &[[f64; S]], own: &[Lanes<f64>; S]) -> [[Lanes<f64>; S]; S] {
         let range = self.range(s);
-        let columns = &self.columns[range.clone()];
         let w = w.map(|w| &w[range.clone()]);
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
         assert!(x.len() * S < i32::MAX as usize, "{} values of {S} numbers do not fit an index", x.len());
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx512f") {
-            // SAFETY: as in `spread`; `S` columns fit an index.
-            return unsafe { avx512::strain(columns, w, x, own) };
-        }
-        portable::strain(columns, w, x, own)
+        with_entries!(self, x, |columns| {
+            #[cfg(target_arch = "x86_64")]
+            if is_x86_feature_detected!("avx512f") {
+                // SAFETY: as in `spread`; `S` columns fit an index.
+                return unsafe { avx512::strain(&columns[range], w, x, own) };
+            }
+            portable::strain(&columns[range], w, x, own)
+        })
     }
 
     /// `Σ_k w_k x[c_k]` of every row, summed in double precision.
     #[inline]
     pub fn sum(&self, w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx512f") {
-                // SAFETY: as in `spread`.
-                return unsafe { avx512::sum_all(self, w, x, out) };
+        with_entries!(self, x, |columns| {
+            #[cfg(target_arch = "x86_64")]
+            {
+                if is_x86_feature_detected!("avx512f") {
+                    // SAFETY: as in `spread`.
+                    return unsafe { avx512::sum_all(self, columns, w, x, out) };
+                }
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: as in `spread`.
+                    return unsafe { avx2::sum_all(self, columns, w, x, out) };
+                }
             }
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: as in `spread`.
-                return unsafe { avx2::sum_all(self, w, x, out) };
-            }
-        }
-        portable::sum_all(self, w, x, out);
+            portable::sum_all(self, columns, w, x, out);
+        });
     }
 }
 
@@ -173,14 +284,20 @@ macro_rules! all_slices {
         /// # Safety
         /// Columns are below `x.len()` and `i32::MAX`, and the processor has the instructions.
         $(#[$feature])*
-        pub(super) $($unsafe)? fn spread_all<const S: usize>(slices: &super::Slices, w: [&[Lanes<f32>]; S], x: &[f32], mut out: [&mut [f32]; S]) {
+        pub(super) $($unsafe)? fn spread_all<C: Entry, const S: usize>(
+            slices: &super::Slices,
+            columns: &[C],
+            w: [&[Lanes<f32>]; S],
+            x: &[f32],
+            mut out: [&mut [f32]; S],
+        ) {
             for s in 0..slices.ends.len() {
                 let range = slices.range(s);
                 let mut part = w;
                 part.iter_mut().for_each(|w| *w = &w[range.clone()]);
                 // SAFETY: as the caller promises.
                 #[allow(unused_unsafe)]
-                let sums = unsafe { spread(&slices.columns[range], part, x) };
+                let sums = unsafe { spread(&columns[range], part, x) };
                 for (out, sums) in out.iter_mut().zip(&sums) {
                     out[s * LANES..][..LANES].copy_from_slice(&sums.0);
                 }
@@ -190,14 +307,20 @@ macro_rules! all_slices {
         /// # Safety
         /// Columns are below `x.len()`, and `S` times that fits 31 bits, and the processor has the instructions.
         $(#[$feature])*
-        pub(super) $($unsafe)? fn join_all<const S: usize>(slices: &super::Slices, w: [&[Lanes<f32>]; S], x: &[[f32; S]], out: &mut [f32]) {
+        pub(super) $($unsafe)? fn join_all<C: Entry, const S: usize>(
+            slices: &super::Slices,
+            columns: &[C],
+            w: [&[Lanes<f32>]; S],
+            x: &[[f32; S]],
+            out: &mut [f32],
+        ) {
             for s in 0..slices.ends.len() {
                 let range = slices.range(s);
                 let mut part = w;
                 part.iter_mut().for_each(|w| *w = &w[range.clone()]);
                 // SAFETY: as the caller promises.
                 #[allow(unused_unsafe)]
-                let sums = unsafe { join(&slices.columns[range], part, x) };
+                let sums = unsafe { join(&columns[range], part, x) };
                 out[s * LANES..][..LANES].copy_from_slice(&sums.0);
             }
         }
@@ -205,12 +328,12 @@ macro_rules! all_slices {
         /// # Safety
         /// Columns are below `x.len()` and `i32::MAX`, and the processor has the instructions.
         $(#[$feature])*
-        pub(super) $($unsafe)? fn sum_all(slices: &super::Slices, w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
+        pub(super) $($unsafe)? fn sum_all<C: Entry>(slices: &super::Slices, columns: &[C], w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
             for s in 0..slices.ends.len() {
                 let range = slices.range(s);
                 // SAFETY: as the caller promises.
                 #[allow(unused_unsafe)]
-                let sums = unsafe { sum(&slices.columns[range.clone()], &w[range], x) };
+                let sums = unsafe { sum(&columns[range.clone()], &w[range], x) };
                 out[s * LANES..][..LANES].copy_from_slice(&sums.0);
             }
         }
@@ -219,14 +342,14 @@ macro_rules! all_slices {
 
 /// What every processor can do.
 mod portable {
-    use super::{LANES, Lanes};
+    use super::{Entry, LANES, Lanes};
 
     all_slices!();
 
-    fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+    fn spread<C: Entry, const S: usize>(columns: &[C], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
         let mut total = [Lanes::default(); S];
         for (k, columns) in columns.iter().enumerate() {
-            let x: [f32; LANES] = columns.0.map(|column| x[column as usize]);
+            let x: [f32; LANES] = std::array::from_fn(|lane| x[columns.column(lane) as usize]);
             for (total, w) in total.iter_mut().zip(w) {
                 for lane in 0..LANES {
                     total.0[lane] += w[k].0[lane] * x[lane];
@@ -236,23 +359,23 @@ mod portable {
         total
     }
 
-    fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+    fn join<C: Entry, const S: usize>(columns: &[C], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
         let mut total = Lanes::default();
         for (k, columns) in columns.iter().enumerate() {
             for (s, w) in w.iter().enumerate() {
                 for lane in 0..LANES {
-                    total.0[lane] += w[k].0[lane] * x[columns.0[lane] as usize][s];
+                    total.0[lane] += w[k].0[lane] * x[columns.column(lane) as usize][s];
                 }
             }
         }
         total
     }
 
-    pub(super) fn rise<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f64], own: &Lanes<f64>) -> [Lanes<f64>; S] {
+    pub(super) fn rise<C: Entry, const S: usize>(columns: &[C], w: [&[Lanes<f32>]; S], x: &[f64], own: &Lanes<f64>) -> [Lanes<f64>; S] {
         let mut total = [Lanes::default(); S];
         for (k, columns) in columns.iter().enumerate() {
             for lane in 0..LANES {
-                let rise = x[columns.0[lane] as usize] - own.0[lane];
+                let rise = x[columns.column(lane) as usize] - own.0[lane];
                 for (total, w) in total.iter_mut().zip(w) {
                     total.0[lane] += f64::from(w[k].0[lane]) * rise;
                 }
@@ -261,8 +384,8 @@ mod portable {
         total
     }
 
-    pub(super) fn strain<const S: usize>(
-        columns: &[Lanes<u32>],
+    pub(super) fn strain<C: Entry, const S: usize>(
+        columns: &[C],
         w: [&[Lanes<f32>]; S],
         x: &[[f64; S]],
         own: &[Lanes<f64>; S],
@@ -270,7 +393,7 @@ mod portable {
         let mut total = [[Lanes::default(); S]; S];
         for (k, columns) in columns.iter().enumerate() {
             for lane in 0..LANES {
-                let x = &x[columns.0[lane] as usize];
+                let x = &x[columns.column(lane) as usize];
                 for (i, total) in total.iter_mut().enumerate() {
                     let rise = x[i] - own[i].0[lane];
                     for (total, w) in total.iter_mut().zip(w) {
@@ -282,11 +405,11 @@ mod portable {
         total
     }
 
-    fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+    fn sum<C: Entry>(columns: &[C], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
         let mut total = Lanes::default();
         for (columns, w) in columns.iter().zip(w) {
             for lane in 0..LANES {
-                total.0[lane] += f64::from(w.0[lane]) * x[columns.0[lane] as usize];
+                total.0[lane] += f64::from(w.0[lane]) * x[columns.column(lane) as usize];
             }
         }
         total
@@ -298,9 +421,33 @@ mod portable {
 mod avx512 {
     use std::arch::x86_64::*;
 
-    use super::{LANES, Lanes};
+    use super::{Entry, LANES, Lanes};
 
     all_slices!(#[target_feature(enable = "avx512f")] unsafe);
+
+    /// The columns of an entry.
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    fn all<C: Entry>(entry: &C) -> __m512i {
+        let entry = std::ptr::from_ref(entry);
+        // SAFETY: 32 or 64 bytes, aligned to that.
+        unsafe { if C::NARROW { _mm512_cvtepu16_epi32(_mm256_load_si256(entry.cast())) } else { _mm512_load_si512(entry.cast()) } }
+    }
+
+    /// Half of the columns of an entry.
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    fn eight<C: Entry>(entry: &C, half: usize) -> __m256i {
+        let entry = std::ptr::from_ref(entry);
+        // SAFETY: halves of 32 or 64 bytes, aligned to that.
+        unsafe {
+            if C::NARROW {
+                _mm256_cvtepu16_epi32(_mm_load_si128(entry.cast::<__m128i>().add(half)))
+            } else {
+                _mm256_load_si256(entry.cast::<__m256i>().add(half))
+            }
+        }
+    }
 
     #[inline]
     #[target_feature(enable = "avx512f")]
@@ -315,11 +462,11 @@ mod avx512 {
     /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
     #[inline]
     #[target_feature(enable = "avx512f")]
-    unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+    unsafe fn spread<C: Entry, const S: usize>(columns: &[C], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
         let mut total = [_mm512_setzero_ps(); S];
         for (k, columns) in columns.iter().enumerate() {
             // SAFETY: `Lanes` are 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
-            let gathered = unsafe { _mm512_i32gather_ps::<4>(_mm512_load_si512(columns.0.as_ptr().cast()), x.as_ptr()) };
+            let gathered = unsafe { _mm512_i32gather_ps::<4>(all(columns), x.as_ptr()) };
             for (total, w) in total.iter_mut().zip(w) {
                 // SAFETY: as above.
                 let w = unsafe { _mm512_load_ps(w[k].0.as_ptr()) };
@@ -333,13 +480,11 @@ mod avx512 {
     /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
     #[inline]
     #[target_feature(enable = "avx512f")]
-    unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+    unsafe fn join<C: Entry, const S: usize>(columns: &[C], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
         let mut total = _mm512_setzero_ps();
         for (k, columns) in columns.iter().enumerate() {
-            // SAFETY: `Lanes` are 64 bytes on a boundary of 64.
-            let columns = unsafe { _mm512_load_si512(columns.0.as_ptr().cast()) };
             // SAFETY: indices are within `x` as the caller promises.
-            let gathered = unsafe { both_or_each(columns, x) };
+            let gathered = unsafe { both_or_each(all(columns), x) };
             for (w, gathered) in w.iter().zip(gathered) {
                 // SAFETY: `Lanes` are 64 bytes on a boundary of 64.
                 let w = unsafe { _mm512_load_ps(w[k].0.as_ptr()) };
@@ -380,8 +525,8 @@ mod avx512 {
     /// # Safety
     /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
     #[target_feature(enable = "avx512f")]
-    pub(super) unsafe fn rise<const S: usize>(
-        columns: &[Lanes<u32>],
+    pub(super) unsafe fn rise<C: Entry, const S: usize>(
+        columns: &[C],
         w: [&[Lanes<f32>]; S],
         x: &[f64],
         own: &Lanes<f64>,
@@ -393,10 +538,7 @@ mod avx512 {
             let own = unsafe { _mm512_load_pd(own.0.as_ptr().add(8 * half)) };
             for (k, columns) in columns.iter().enumerate() {
                 // SAFETY: halves of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
-                let gathered = unsafe {
-                    let columns = _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast());
-                    _mm512_i32gather_pd::<8>(columns, x.as_ptr())
-                };
+                let gathered = unsafe { _mm512_i32gather_pd::<8>(eight(columns, half), x.as_ptr()) };
                 let rise = _mm512_sub_pd(gathered, own);
                 for (total, w) in total.iter_mut().zip(w) {
                     // SAFETY: as above.
@@ -415,8 +557,8 @@ mod avx512 {
     /// # Safety
     /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
     #[target_feature(enable = "avx512f,avx2")]
-    pub(super) unsafe fn strain<const S: usize>(
-        columns: &[Lanes<u32>],
+    pub(super) unsafe fn strain<C: Entry, const S: usize>(
+        columns: &[C],
         w: [&[Lanes<f32>]; S],
         x: &[[f64; S]],
         own: &[Lanes<f64>; S],
@@ -430,9 +572,7 @@ mod avx512 {
                 *mine = unsafe { _mm512_load_pd(own.0.as_ptr().add(8 * half)) };
             }
             for (k, columns) in columns.iter().enumerate() {
-                // SAFETY: half of 64 bytes on a boundary of 64.
-                let columns = unsafe { _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast()) };
-                let first = _mm256_mullo_epi32(columns, _mm256_set1_epi32(S as i32));
+                let first = _mm256_mullo_epi32(eight(columns, half), _mm256_set1_epi32(S as i32));
                 let mut weights = [_mm512_setzero_pd(); S];
                 for (weight, w) in weights.iter_mut().zip(w) {
                     // SAFETY: as above.
@@ -461,15 +601,13 @@ mod avx512 {
     /// Columns are below `x.len()` and `i32::MAX`.
     #[inline]
     #[target_feature(enable = "avx512f")]
-    unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+    unsafe fn sum<C: Entry>(columns: &[C], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
         let mut total = [_mm512_setzero_pd(); 2];
         for (columns, w) in columns.iter().zip(w) {
             for half in 0..2 {
                 // SAFETY: halves of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
-                let (w, gathered) = unsafe {
-                    let columns = _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast());
-                    (_mm256_load_ps(w.0.as_ptr().add(8 * half)), _mm512_i32gather_pd::<8>(columns, x.as_ptr()))
-                };
+                let (w, gathered) =
+                    unsafe { (_mm256_load_ps(w.0.as_ptr().add(8 * half)), _mm512_i32gather_pd::<8>(eight(columns, half), x.as_ptr())) };
                 total[half] = _mm512_add_pd(total[half], _mm512_mul_pd(_mm512_cvtps_pd(w), gathered));
             }
         }
@@ -487,20 +625,35 @@ mod avx512 {
 mod avx2 {
     use std::arch::x86_64::*;
 
-    use super::{LANES, Lanes};
+    use super::{Entry, LANES, Lanes};
 
     all_slices!(#[target_feature(enable = "avx2")] unsafe);
+
+    /// Half of the columns of an entry.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn eight<C: Entry>(entry: &C, half: usize) -> __m256i {
+        let entry = std::ptr::from_ref(entry);
+        // SAFETY: halves of 32 or 64 bytes, aligned to that.
+        unsafe {
+            if C::NARROW {
+                _mm256_cvtepu16_epi32(_mm_load_si128(entry.cast::<__m128i>().add(half)))
+            } else {
+                _mm256_load_si256(entry.cast::<__m256i>().add(half))
+            }
+        }
+    }
 
     /// # Safety
     /// Columns are below `x.len()` and `i32::MAX`; `w` are as long as `columns`.
     #[inline]
     #[target_feature(enable = "avx2")]
-    unsafe fn spread<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
+    unsafe fn spread<C: Entry, const S: usize>(columns: &[C], w: [&[Lanes<f32>]; S], x: &[f32]) -> [Lanes<f32>; S] {
         let mut total = [[_mm256_setzero_ps(); 2]; S];
         for (k, columns) in columns.iter().enumerate() {
             for half in 0..2 {
                 // SAFETY: halves of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
-                let gathered = unsafe { _mm256_i32gather_ps::<4>(x.as_ptr(), _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast())) };
+                let gathered = unsafe { _mm256_i32gather_ps::<4>(x.as_ptr(), eight(columns, half)) };
                 for (total, w) in total.iter_mut().zip(w) {
                     // SAFETY: as above.
                     let w = unsafe { _mm256_load_ps(w[k].0.as_ptr().add(8 * half)) };
@@ -515,13 +668,11 @@ mod avx2 {
     /// Columns are below `x.len()`, and `S` times that fits 31 bits; `w` are as long as `columns`.
     #[inline]
     #[target_feature(enable = "avx2")]
-    unsafe fn join<const S: usize>(columns: &[Lanes<u32>], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
+    unsafe fn join<C: Entry, const S: usize>(columns: &[C], w: [&[Lanes<f32>]; S], x: &[[f32; S]]) -> Lanes<f32> {
         let mut total = [_mm256_setzero_ps(); 2];
         for (k, columns) in columns.iter().enumerate() {
             for half in 0..2 {
-                // SAFETY: halves of 64 bytes on a boundary of 64.
-                let columns = unsafe { _mm256_load_si256(columns.0.as_ptr().add(8 * half).cast()) };
-                let first = _mm256_mullo_epi32(columns, _mm256_set1_epi32(S as i32));
+                let first = _mm256_mullo_epi32(eight(columns, half), _mm256_set1_epi32(S as i32));
                 for (s, w) in w.iter().enumerate() {
                     // SAFETY: as above; number `s < S` of a value within `x`, as the caller promises.
                     let (w, gathered) = unsafe {
@@ -550,13 +701,14 @@ mod avx2 {
     /// Columns are below `x.len()` and `i32::MAX`.
     #[inline]
     #[target_feature(enable = "avx2")]
-    unsafe fn sum(columns: &[Lanes<u32>], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
+    unsafe fn sum<C: Entry>(columns: &[C], w: &[Lanes<f32>], x: &[f64]) -> Lanes<f64> {
         let mut total = [_mm256_setzero_pd(); 4];
         for (columns, w) in columns.iter().zip(w) {
             for quarter in 0..4 {
                 // SAFETY: quarters of 64 bytes on a boundary of 64; indices are within `x` as the caller promises.
                 let (w, gathered) = unsafe {
-                    let columns = _mm_load_si128(columns.0.as_ptr().add(4 * quarter).cast());
+                    let columns = eight(columns, quarter / 2);
+                    let columns = if quarter % 2 == 0 { _mm256_castsi256_si128(columns) } else { _mm256_extracti128_si256::<1>(columns) };
                     (_mm_load_ps(w.0.as_ptr().add(4 * quarter)), _mm256_i32gather_pd::<8>(x.as_ptr(), columns))
                 };
                 total[quarter] = _mm256_add_pd(total[quarter], _mm256_mul_pd(_mm256_cvtps_pd(w), gathered));
@@ -575,33 +727,44 @@ mod avx2 {
 mod tests {
     use super::*;
 
-    /// Sixteen rows of different lengths over 100 columns, and two weights of each entry.
-    fn slice() -> (Slices, [Vec<Lanes<f32>>; 2]) {
-        let rows: Vec<Vec<u32>> = (0..LANES as u32).map(|i| (0..5 + i % 4).map(|k| (i * 37 + k * 11) % 100).collect()).collect();
+    /// Sixteen rows of different lengths over 100 columns from `first` on, but for one that is `far` behind it, and two weights of each entry.
+    fn slice(first: u32, far: u32) -> (Slices, [Vec<Lanes<f32>>; 2]) {
+        let rows: Vec<Vec<u32>> = (0..LANES as u32).map(|i| (0..5 + i % 4).map(|k| first + (i * 37 + k * 11) % 100).collect()).collect();
         let mut slices = Slices::default();
         let longest = rows.iter().map(Vec::len).max().unwrap();
-        for _ in 0..longest {
-            slices.grow(&Lanes(std::array::from_fn(|lane| lane as u32)));
-        }
+        (0..longest).for_each(|_| slices.grow(first));
         for (lane, row) in rows.iter().enumerate() {
             row.iter().enumerate().for_each(|(k, &column)| slices.set(k, lane, column));
+        }
+        if far > 0 {
+            slices.set(1, 2, first + far);
         }
         slices.close();
         let weights = [0.1f32, -0.7].map(|scale| {
             let weight = |k: usize, lane: usize| if k < rows[lane].len() { scale * (1.0 + k as f32) / (2.0 + lane as f32) } else { 0.0 };
-            (0..slices.columns.len()).map(|k| Lanes(std::array::from_fn(|lane| weight(k, lane)))).collect()
+            (0..longest).map(|k| Lanes(std::array::from_fn(|lane| weight(k, lane)))).collect()
         });
         (slices, weights)
     }
 
     #[test]
     fn every_instruction_set_gives_the_bits_of_the_portable_loop() {
-        let (slices, w) = slice();
-        let w = [w[0].as_slice(), w[1].as_slice()];
-        let x: Vec<f32> = (0..100).map(|i| (i as f32 * 0.37).sin()).collect();
-        let pairs: Vec<[f32; 2]> = (0..100).map(|i| [(i as f32 * 0.61).cos(), 0.1 * i as f32]).collect();
+        for far in [0, 1 << 17] {
+            let (slices, w) = slice(40_000, far);
+            match &slices.columns {
+                Columns::Near(low, columns) if far == 0 => compare(&slices, columns, *low as usize, &w),
+                Columns::Far(columns) if far > 0 => compare(&slices, columns, 0, &w),
+                columns => panic!("{columns:?}"),
+            }
+        }
+    }
+
+    /// `columns` are those of `slices`, stored from `low` on.
+    fn compare<C: Entry>(slices: &Slices, columns: &[C], low: usize, w: &[Vec<Lanes<f32>>; 2]) {
+        let (n, w) = (slices.bound, [w[0].as_slice(), w[1].as_slice()]);
+        let x: Vec<f32> = (0..n).map(|i| (i as f32 * 0.37).sin()).collect();
+        let pairs: Vec<[f32; 2]> = (0..n).map(|i| [(i as f32 * 0.61).cos(), 0.1 * i as f32]).collect();
         let wide: Vec<f64> = x.iter().map(|&x| f64::from(x) / 3.0).collect();
-        let columns = slices.columns();
         type Run<'a> = &'a dyn Fn(&mut [f32; LANES], &mut [f32; LANES], &mut [f32; LANES], &mut [f64; LANES]);
         let results = |run: Run| {
             let (mut a, mut b, mut c, mut d) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
@@ -609,9 +772,9 @@ mod tests {
             (a, b, c, d)
         };
         let expected = results(&|a, b, c, d| {
-            portable::spread_all(&slices, w, &x, [a, b]);
-            portable::join_all(&slices, w, &pairs, c);
-            portable::sum_all(&slices, w[0], &wide, d);
+            portable::spread_all(slices, columns, w, &x[low..], [a, b]);
+            portable::join_all(slices, columns, w, &pairs[low..], c);
+            portable::sum_all(slices, columns, w[0], &wide[low..], d);
         });
         let best = results(&|a, b, c, d| {
             slices.spread(w, &x, [a, b]);
@@ -622,27 +785,27 @@ mod tests {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
             let found = results(&|a, b, c, d| {
-                // SAFETY: the processor has AVX2, and columns are below 100.
+                // SAFETY: the processor has AVX2, and columns are below the number of values.
                 unsafe {
-                    avx2::spread_all(&slices, w, &x, [a, b]);
-                    avx2::join_all(&slices, w, &pairs, c);
-                    avx2::sum_all(&slices, w[0], &wide, d);
+                    avx2::spread_all(slices, columns, w, &x[low..], [a, b]);
+                    avx2::join_all(slices, columns, w, &pairs[low..], c);
+                    avx2::sum_all(slices, columns, w[0], &wide[low..], d);
                 }
             });
             assert_eq!(found, expected);
         }
         let own = [Lanes([0.25; LANES]), Lanes(std::array::from_fn(|lane| lane as f64))];
         let wide_pairs: Vec<[f64; 2]> = pairs.iter().map(|pair| pair.map(f64::from)).collect();
-        assert_eq!(slices.rise(0, w, &wide, &own[1]), portable::rise(columns, w, &wide, &own[1]));
-        assert_eq!(slices.strain(0, w, &wide_pairs, &own), portable::strain(columns, w, &wide_pairs, &own));
-        let sum: f32 = (0..slices.columns.len()).map(|k| w[0][k].0[3] * x[columns[k].0[3] as usize]).sum();
+        assert_eq!(slices.rise(0, w, &wide, &own[1]), portable::rise(columns, w, &wide[low..], &own[1]));
+        assert_eq!(slices.strain(0, w, &wide_pairs, &own), portable::strain(columns, w, &wide_pairs[low..], &own));
+        let sum: f32 = slices.row(0, 3).zip(w[0]).map(|(column, w)| w.0[3] * x[column as usize]).sum();
         assert_eq!(expected.0[3], sum);
     }
 
     #[test]
     #[should_panic(expected = "columns up to")]
     fn columns_beyond_the_values_are_refused() {
-        let (slices, w) = slice();
+        let (slices, w) = slice(0, 0);
         slices.spread([&w[0]], &[0.0; 50], [&mut [0.0; LANES]]);
     }
 }

@@ -298,8 +298,8 @@ impl Level {
         let mut square = Rows::default();
         square.product_of_level(to_next, a, from_next, work);
         square.slice_square(next);
-        std::mem::take(from_next).slice(count, &mut self.from_next);
-        std::mem::take(to_next).slice(rows, &mut self.to_next);
+        std::mem::take(from_next).slice(&mut self.from_next);
+        std::mem::take(to_next).slice(&mut self.to_next);
         true
     }
 }

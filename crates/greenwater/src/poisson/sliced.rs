@@ -16,8 +16,8 @@ const SHARED_ENTRIES: usize = 30_000;
 /// The matrix `(A x)_i = d_i x_i − Σ_j w_ij x_j`, with weights `w` in single precision and the diagonal `d` in double.
 ///
 /// Rounded weights define the matrix; a row whose diagonal is summed from rounded weights keeps its sum to double precision. Each entry may
-/// carry further weights, its *arms*, which belong to whoever [fills](Self::fill) the matrix and share its columns. Memory: 8 bytes an entry,
-/// 4 more for each arm.
+/// carry further weights, its *arms*, which belong to whoever [fills](Self::fill) the matrix and share its columns. Memory: 6 bytes an entry where
+/// the columns of a block of rows lie near each other, else 8; 4 more for each arm.
 #[derive(Clone, Debug, Default)]
 pub struct Sliced {
     rows: usize,
@@ -75,8 +75,6 @@ pub struct SlicedRow<'a, const S: usize> {
     slices: &'a mut Slices,
     weights: &'a mut Vec<Lanes<f32>>,
     arms: &'a mut [Vec<Lanes<f32>>; S],
-    /// What rows of the slice are filled up with.
-    own: &'a Lanes<u32>,
     lane: usize,
     /// Where the next entry goes.
     next: usize,
@@ -90,7 +88,7 @@ impl<const S: usize> SlicedRow<'_, S> {
     #[inline(always)]
     pub fn push(&mut self, column: usize, weight: f32, arms: [f32; S]) {
         if self.next == self.weights.len() {
-            self.slices.grow(self.own);
+            self.slices.grow(column as u32);
             self.weights.push(Lanes::default());
             self.arms.iter_mut().for_each(|arm| arm.push(Lanes::default()));
         }
@@ -109,16 +107,6 @@ impl Sliced {
     /// Replaces the matrix by one of `n` rows. `fill(i, row)` pushes the entries of row `i` and answers its diagonal `d_i`, positive. Rows are
     /// filled in parallel over fixed blocks. Nothing is allocated once storage has grown. Panics if a column is not below `n`.
     pub fn fill<const S: usize>(&mut self, n: usize, arms: &mut Arms<S>, fill: impl Fn(usize, &mut SlicedRow<S>) -> f64 + Sync) {
-        self.fill_for(n, n, arms, fill);
-    }
-
-    fn fill_for<const S: usize>(
-        &mut self,
-        n: usize,
-        columns: usize,
-        arms: &mut Arms<S>,
-        fill: impl Fn(usize, &mut SlicedRow<S>) -> f64 + Sync,
-    ) {
         self.rows = n;
         self.blocks.resize_with(n.div_ceil(ROWS), Block::default);
         arms.blocks.resize_with(n.div_ceil(ROWS), ArmBlock::default);
@@ -126,39 +114,46 @@ impl Sliced {
         self.inverse.resize(n, 0.0);
         arms.squares.resize(n, 0.0);
         let numbers = self.diagonal.par_chunks_mut(ROWS).zip(self.inverse.par_chunks_mut(ROWS)).zip(arms.squares.par_chunks_mut(ROWS));
-        self.blocks.par_iter_mut().zip(&mut arms.blocks).zip(numbers).enumerate().for_each(
-            |(number, ((block, arms), ((diagonal, inverse), squares)))| {
-                let Block { slices, weights, entries } = block;
-                slices.clear();
-                weights.clear();
-                arms.arms.iter_mut().for_each(Vec::clear);
-                *entries = 0;
-                for first in (0..diagonal.len()).step_by(LANES) {
-                    let own = Lanes(std::array::from_fn(|lane| (number * ROWS + first + lane).min(columns - 1) as u32));
-                    let start = weights.len();
-                    for (lane, at) in (first..diagonal.len().min(first + LANES)).enumerate() {
-                        let (arms, own) = (&mut arms.arms, &own);
-                        let mut row = SlicedRow { slices, weights, arms, own, lane, next: start, size: 0.0, square: 0.0 };
-                        let d = fill(number * ROWS + at, &mut row);
-                        let SlicedRow { next, size, square, .. } = row;
-                        *entries += next - start;
-                        diagonal[at] = d;
-                        inverse[at] = 1.0 / (d.abs() as f32 + size);
-                        squares[at] = square;
-                    }
-                    slices.close();
+        let blocks = self.blocks.par_iter_mut().zip(&mut arms.blocks).zip(numbers).enumerate();
+        blocks.for_each(|(number, ((block, arms), ((diagonal, inverse), squares)))| {
+            let Block { slices, weights, entries } = block;
+            slices.clear();
+            weights.clear();
+            arms.arms.iter_mut().for_each(Vec::clear);
+            *entries = 0;
+            for first in (0..diagonal.len()).step_by(LANES) {
+                let start = weights.len();
+                for (lane, at) in (first..diagonal.len().min(first + LANES)).enumerate() {
+                    let arms = &mut arms.arms;
+                    let mut row = SlicedRow { slices, weights, arms, lane, next: start, size: 0.0, square: 0.0 };
+                    let d = fill(number * ROWS + at, &mut row);
+                    let SlicedRow { next, size, square, .. } = row;
+                    *entries += next - start;
+                    diagonal[at] = d;
+                    inverse[at] = 1.0 / (d.abs() as f32 + size);
+                    squares[at] = square;
                 }
-                trim(weights);
-                slices.shrink_to(weights.capacity());
-                arms.arms.iter_mut().for_each(trim);
-            },
-        );
+                slices.close();
+            }
+            trim(weights);
+            slices.shrink_to(weights.capacity());
+            arms.arms.iter_mut().for_each(trim);
+        });
         self.entries = self.blocks.iter().map(|block| block.entries).sum();
     }
 
-    /// Replaces the matrix by one of `n` rows and `columns` columns without a diagonal, for [`weigh`](Self::weigh).
-    pub(super) fn fill_wide(&mut self, n: usize, columns: usize, fill: impl Fn(usize, &mut SlicedRow<0>) + Sync) {
-        self.fill_for(n, columns, &mut Arms::default(), |i, row| {
+    /// Gives each row `i` the diagonal `diagonal(i, Σ_j w_ij)`, positive.
+    pub fn replace_diagonal(&mut self, diagonal: impl Fn(usize, f64) -> f64) {
+        for i in 0..self.rows {
+            let (sum, size) = self.row(i).fold((0.0, 0.0), |(sum, size), (_, weight)| (sum + f64::from(weight), size + weight.abs()));
+            self.diagonal[i] = diagonal(i, sum);
+            self.inverse[i] = 1.0 / (self.diagonal[i].abs() as f32 + size);
+        }
+    }
+
+    /// Replaces the matrix by one of `n` rows and any number of columns without a diagonal, for [`weigh`](Self::weigh).
+    pub(super) fn fill_wide(&mut self, n: usize, fill: impl Fn(usize, &mut SlicedRow<0>) + Sync) {
+        self.fill(n, &mut Arms::default(), |i, row| {
             fill(i, row);
             0.0
         });
@@ -193,10 +188,9 @@ impl Sliced {
     /// The entries of row `i` beside the diagonal, `(j, w_ij)`.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (u32, f32)> + '_ {
         let (block, s, lane) = (&self.blocks[i / ROWS], i % ROWS / LANES, i % LANES);
-        let range = block.slices.range(s);
-        let entries = block.slices.columns()[range.clone()].iter().zip(&block.weights[range]);
+        let entries = block.slices.row(s, lane).zip(&block.weights[block.slices.range(s)]);
         // What fills a row up has no weight.
-        entries.map(move |(columns, weights)| (columns.0[lane], weights.0[lane])).filter(|&(_, weight)| weight != 0.0)
+        entries.map(move |(column, weights)| (column, weights.0[lane])).filter(|&(_, weight)| weight != 0.0)
     }
 
     /// `set(i, (Σ_j w_ij x_j)_i, y_i)` for runs `i` of rows, in single precision.

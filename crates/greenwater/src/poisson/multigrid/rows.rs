@@ -200,9 +200,9 @@ impl Rows {
         }
     }
 
-    /// The same in slices, with `columns` columns.
-    pub(super) fn slice(&self, columns: usize, sliced: &mut Sliced) {
-        sliced.fill_wide(self.rows, columns, |i, row| self.row(i).for_each(|(j, value)| row.push(j as usize, value, [])));
+    /// The same in slices.
+    pub(super) fn slice(&self, sliced: &mut Sliced) {
+        sliced.fill_wide(self.rows, |i, row| self.row(i).for_each(|(j, value)| row.push(j as usize, value, [])));
     }
 
     /// The same as a square matrix in slices.
