@@ -46,7 +46,13 @@ pub(super) struct Vectors {
 
 impl Vectors {
     pub(super) fn resize(&mut self, n: usize) {
-        for vector in [&mut self.r, &mut self.p, &mut self.q, &mut self.z] {
+        self.resize_for_gradients(n);
+        self.q.resize(n, 0.0);
+    }
+
+    /// Those of [`cg_sliced`].
+    pub(super) fn resize_for_gradients(&mut self, n: usize) {
+        for vector in [&mut self.r, &mut self.p, &mut self.z] {
             vector.resize(n, 0.0);
         }
     }
@@ -88,13 +94,14 @@ pub(super) fn cg_sliced(
     x: &mut [f64],
     v: &mut Vectors,
 ) -> Result<usize, Stuck> {
-    let Vectors { r, p, q, z, .. } = v;
+    let Vectors { r, p, z, .. } = v;
     precondition(r, z);
     p.copy_from_slice(z);
     let mut rz = dot(r, z);
     for iteration in 1..=budget {
-        a.with_double(p, q, |ap, q| *q = ap);
-        let pq = dot(p, q);
+        // The preconditioned residual is in `p`, and makes room for `A p`.
+        a.with_double(p, z, |ap, z| *z = ap);
+        let pq = dot(p, z);
         // Also false for NaN.
         if !(pq > 0.0 && rz > 0.0) {
             let cure = "choose method `gmres` or `bicgstab`, and give each connected part of the fluid a row with known pressure";
@@ -102,7 +109,7 @@ pub(super) fn cg_sliced(
         }
         let alpha = rz / pq;
         add_scaled(x, alpha, p);
-        add_scaled(r, -alpha, q);
+        add_scaled(r, -alpha, z);
         if norm(r) <= target {
             return Ok(iteration);
         }

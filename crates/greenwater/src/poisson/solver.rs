@@ -134,7 +134,7 @@ impl LinearSolver {
             x.fill(0.0);
             return Ok(report);
         }
-        self.vectors.resize(a.rows());
+        self.vectors.resize_for_gradients(a.rows());
         let SolverSettings { tolerance, max_iterations, .. } = self.settings;
         let (mut from, mut before, mut goal) = (f64::NAN, 0, tolerance);
         loop {
