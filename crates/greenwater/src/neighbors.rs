@@ -8,7 +8,7 @@ use thiserror::Error;
 use crate::lanes::{Eight, InstructionSet, Job, LANES, Lanes, Octets, Record, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
-use crate::sweep::{BLOCK, sweep, trim};
+use crate::sweep::{BLOCK, replace, sweep, trim};
 
 /// How pairs are found. Every way finds the same pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -143,6 +143,15 @@ pub struct PairColumn<T = f64> {
 }
 
 impl<T> PairColumn<T> {
+    /// Gives back the room of all blocks of rows but those with one of the `owned` rows that `keeps`: no other row has values from here on.
+    pub(crate) fn keep(&mut self, owned: usize, keeps: impl Fn(usize) -> bool) {
+        for (block, values) in self.segments.iter_mut().enumerate() {
+            if !(block * BLOCK..owned.min((block + 1) * BLOCK)).any(&keeps) {
+                *values = Vec::new();
+            }
+        }
+    }
+
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.segments.iter().map(|segment| size_of::<T>() * segment.capacity()).sum()
@@ -220,6 +229,16 @@ impl<const D: usize> Neighbors<D> {
     pub fn follow(&mut self, p: &Particles<D>) {
         self.x.clone_from(&p.x);
         self.h.clone_from(&p.h);
+    }
+
+    /// Lets go of the positions: those who look on have them elsewhere.
+    pub(crate) fn let_go(&mut self) {
+        (self.x, self.h) = (Vec::new(), Vec::new());
+    }
+
+    /// Positions of all particles, m, as they were at the build.
+    pub(crate) fn positions(&self) -> &[Vector<D>] {
+        &self.x
     }
 
     /// Appends the rows near a point to `list`: those within `support` mean smoothing lengths of `x`, m, for a point of smoothing
@@ -330,24 +349,37 @@ impl<const D: usize> Neighbors<D> {
 
         column.segments.resize_with(self.segments.len(), Vec::new);
         let blocks = column.segments.par_iter_mut().zip(first.par_chunks_mut(BLOCK)).zip(second.par_chunks_mut(BLOCK));
-        blocks.enumerate().with_max_len(1).for_each(|(block, ((values, first), second))| {
-            values.clear();
-            dispatch(set, Block { start: block * BLOCK, values: &mut *values, first, second, rows });
-            trim(values);
+        // As lists do, values grow in a place of the thread's own.
+        blocks.enumerate().with_max_len(4).for_each_init(Vec::new, |found, (block, ((values, first), second))| {
+            found.clear();
+            dispatch(set, Block { start: block * BLOCK, values: &mut *found, first, second, rows });
+            replace(values, found.iter().copied());
         });
     }
 
     /// Calls `each(b, x_ab, value)` with every neighbour of `a` in the order of [`for_each`](Self::for_each), `value` from a
     /// column that was [filled](Self::fill) from these lists.
     #[inline(always)]
-    pub fn for_each_with<T: Copy + Into<f64>>(&self, a: usize, column: &PairColumn<T>, mut each: impl FnMut(usize, Vector<D>, f64)) {
+    pub fn for_each_with<T: Copy + Into<f64>>(&self, a: usize, column: &PairColumn<T>, each: impl FnMut(usize, Vector<D>, f64)) {
+        self.for_each_at(&self.x, a, column, each);
+    }
+
+    /// The same for particles at `x`, m, whether or not these lists have positions of their own.
+    #[inline(always)]
+    pub(crate) fn for_each_at<T: Copy + Into<f64>>(
+        &self,
+        x: &[Vector<D>],
+        a: usize,
+        column: &PairColumn<T>,
+        mut each: impl FnMut(usize, Vector<D>, f64),
+    ) {
         let (block, i) = (a / BLOCK, a % BLOCK);
         let segment = &self.segments[block];
         let range = segment.range(i);
-        let x_a = self.x[a];
+        let x_a = x[a];
         for (&b, &value) in segment.list.rows()[range.clone()].iter().zip(&column.segments[block][range]) {
             let b = b as usize;
-            each(b, x_a - self.x[b], value.into());
+            each(b, x_a - x[b], value.into());
         }
     }
 

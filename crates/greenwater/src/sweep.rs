@@ -70,10 +70,21 @@ pub(crate) fn sweep2<T: Send, U: Send>(first: &mut [T], second: &mut [U], values
     });
 }
 
+/// Makes a column these values, with little more room than they need.
+pub(crate) fn replace<T>(column: &mut Vec<T>, values: impl ExactSizeIterator<Item = T>) {
+    column.clear();
+    let needed = values.len();
+    if column.capacity() < needed || column.capacity() > needed + needed / 8 {
+        *column = Vec::new();
+        column.reserve_exact(needed + needed / 32);
+    }
+    column.extend(values);
+}
+
 /// Gives back most of the room that a column which grew by doubling does not use.
 pub(crate) fn trim<T>(column: &mut Vec<T>) {
-    if column.capacity() > column.len() + column.len() / 4 {
-        column.shrink_to(column.len() + column.len() / 16);
+    if column.capacity() > column.len() + column.len() / 8 {
+        column.shrink_to(column.len() + column.len() / 32);
     }
 }
 

@@ -88,15 +88,16 @@ impl<const D: usize> Arrangement<D> {
     }
 
     /// Sums over the neighbours of fluid particle `a`, whether it is on the surface, and how the fluid around it stretches, `(∇v + ∇vᵀ)/2`, 1/s; nobody is
-    /// near a surface yet. Records carry velocities of fluid and normals of walls. Appends `f_ab` of each neighbour to `weights`, if any are wanted.
+    /// near a surface yet. Records carry velocities of fluid and normals of walls. `h` is the
+    /// smoothing length of the particle, m. Appends `f_ab` of each neighbour to `weights`, if any are wanted.
     #[inline(always)]
     pub(crate) fn of<K: Kernel<D>, L: Lanes>(
         pairs: &Pairs<'_, K, D>,
         l: &Lattice,
-        a: usize,
+        (a, h): (usize, f64),
         weights: Option<&mut Vec<f32>>,
     ) -> (Self, Matrix<D>) {
-        let (own, h) = (pairs.records[a], pairs.near.h(a));
+        let own = pairs.records[a];
         let reach = pairs.reach::<L>(h);
         let around = Around {
             kernel: pairs.kernel,
@@ -172,7 +173,7 @@ impl<const D: usize> Arrangement<D> {
     pub fn look_for_surface<T: Copy + Into<f64>>(
         &mut self,
         l: &Lattice,
-        near: &Neighbors<D>,
+        (near, x): (&Neighbors<D>, &[Vector<D>]),
         f: &PairColumn<T>,
         places: &[Place],
         a: usize,
@@ -181,7 +182,7 @@ impl<const D: usize> Arrangement<D> {
             return;
         }
         let (mut inwards, mut weight) = (Vector::ZERO, 0.0);
-        near.for_each_with(a, f, |b, x_ab, f| {
+        near.for_each_at(x, a, f, |b, x_ab, f| {
             if places[b] == Place::Surface {
                 inwards += f * x_ab;
                 weight += f;
@@ -390,7 +391,7 @@ mod tests {
         struct One<'a>(Pairs<'a, WendlandC2, 2>, usize, &'a mut Arrangement<2>);
         impl Job for One<'_> {
             fn run<L: Lanes>(self) {
-                *self.2 = Arrangement::of::<_, L>(&self.0, &lattice(), self.1, None).0;
+                *self.2 = Arrangement::of::<_, L>(&self.0, &lattice(), (self.1, 1.3), None).0;
             }
         }
         let set = InstructionSet::of_this_machine();
@@ -445,7 +446,7 @@ mod tests {
             (0..p.len()).map(|a| if p.is_fluid(a) { arrangement(&near, &p, &normals, a) } else { Arrangement::alone() }).collect();
         let places: Vec<_> = at.iter().map(|at| at.place).collect();
         for a in (0..p.len()).filter(|&a| p.is_fluid(a)) {
-            at[a].look_for_surface(&l, &near, &f, &places, a);
+            at[a].look_for_surface(&l, (&near, &p.x), &f, &places, a);
         }
         for a in (0..p.len()).filter(|&a| p.is_fluid(a) && (3.0..9.0).contains(&p.x[a][0])) {
             let row = (11.5 - p.x[a][1]).round() as usize;

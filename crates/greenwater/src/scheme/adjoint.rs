@@ -90,7 +90,11 @@ struct Looking<'a, K, const D: usize> {
 impl<K: Kernel<D>, const D: usize> Rows<Arrangement<D>> for Looking<'_, K, D> {
     #[inline(always)]
     fn row<L: Lanes>(&self, a: usize, at: &mut Arrangement<D>, _: &mut ()) {
-        *at = if self.p.is_fluid(a) { Arrangement::of::<_, L>(&self.pairs, self.lattice, a, None).0 } else { Arrangement::alone() };
+        *at = if self.p.is_fluid(a) {
+            Arrangement::of::<_, L>(&self.pairs, self.lattice, (a, self.p.h[a]), None).0
+        } else {
+            Arrangement::alone()
+        };
     }
 }
 
@@ -164,7 +168,7 @@ impl<const D: usize> Flow<D> {
         domain.refresh_column(places);
         update(at, |a, at| {
             if p.is_fluid(a) {
-                at.look_for_surface(lattice, near, f, places, a);
+                at.look_for_surface(lattice, (near, near.positions()), f, places, a);
             }
         });
         for a in 0..owned {

@@ -59,13 +59,10 @@ struct Flow<const D: usize> {
     settings: IsphSettings,
     lattice: Lattice,
     near: Neighbors<D>,
-    /// `f` of each pair, 1/m²: as precise as the matrix that is made of it.
+    /// `f` of each pair, 1/m², as precise as the matrix that is made of it; once that is there, of pairs with walls at the least.
     f: PairColumn<f32>,
     /// Velocities of fluid and normals of walls.
     sense: Sense,
-    /// How the flow stretches, 1/s, and what is to be damped of it, 1/(m s); see [`Damping`].
-    stretch: Vec<Matrix<D>>,
-    damping: Vec<Vector<D>>,
     at: Vec<Arrangement<D>>,
     places: Vec<Place>,
     numbering: Numbering,
@@ -86,15 +83,17 @@ struct Flow<const D: usize> {
     /// Right side of an equation and its solution, by unknown.
     source: Vec<f64>,
     unknowns: Vec<f64>,
-    /// A vector field by unknown, and `T` of the velocity; see [`look_at_velocity`](Self::look_at_velocity).
+    /// A vector field by unknown, and `T` of the velocity; see [`look_at_velocity`](Self::look_at_velocity). Before there are unknowns `strain` is how the
+    /// flow stretches, 1/s, by row.
     by_unknown: Vec<[f64; D]>,
-    strain: Vec<[[f64; D]; D]>,
+    strain: Vec<Matrix<D>>,
     /// Norm of the right side of the first pressure solve of a step.
     first_source: f64,
-    solution: Vec<f64>,
+    /// Pressure; behind a step that before it.
     pressure: Vec<f64>,
     /// Potential of the clean-up, m²/s.
-    cleaning: Vec<f64>,
+    cleaning: Vec<f32>,
+    /// Velocity; before it is predicted what is to be damped of it, 1/(m s), see [`Damping`].
     v: Vec<Vector<D>>,
     /// The shift, m; behind a step the accelerations before it.
     shift: Vec<Vector<D>>,
@@ -126,8 +125,6 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             near: Neighbors::new(),
             f: PairColumn::default(),
             sense: Sense::default(),
-            stretch: Vec::new(),
-            damping: Vec::new(),
             at: Vec::new(),
             places: Vec::new(),
             numbering: Numbering::default(),
@@ -145,7 +142,6 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             by_unknown: Vec::new(),
             strain: Vec::new(),
             first_source: 0.0,
-            solution: Vec::new(),
             pressure: Vec::new(),
             cleaning: Vec::new(),
             v: Vec::new(),
@@ -167,11 +163,16 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         // Records are made anew after the search.
         let Flow { near, sense, settings, .. } = &mut self.flow;
         near.list(p, self.kernel.radius(), settings.search, BehindWalls::Everyone, &mut sense.records)?;
-        near.follow(p);
         let (kernel, rest, owned) = (self.kernel, self.flow.medium.rest_density, p.owned());
         let flow = &mut self.flow;
-        let first = flow.walls_turn(p).then(|| wall_normals(kernel, &flow.near, p));
-        flow.look_at_walls(p, domain, first.as_deref());
+        if flow.walls_turn(p) {
+            flow.near.follow(p);
+            let first = wall_normals(kernel, &flow.near, p);
+            flow.look_at_walls(p, &first);
+            flow.near.let_go();
+        }
+        flow.normals.resize(p.len(), Vector::ZERO);
+        domain.refresh_column(&mut flow.normals);
         flow.at.resize(owned, Arrangement::alone());
         flow.places.resize(p.len(), Place::Inside);
         let normals = &flow.normals;
@@ -179,17 +180,21 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         let (near, lattice) = (&flow.near, &flow.lattice);
         let pairs = flow.sense.pairs(kernel, near);
         let set = pairs.set;
-        let mut stretch = std::mem::take(&mut flow.stretch);
+        let mut stretch = std::mem::take(&mut flow.strain);
         stretch.resize(p.len() + 1, [Vector::ZERO; D]);
         near.fill_rows(set, &mut flow.f, (&mut flow.at, &mut stretch[..owned]), &Looking { pairs, lattice, p });
         domain.refresh_column(&mut stretch[..p.len()]);
-        flow.damping.resize(owned, Vector::ZERO);
+        stretch[p.len()] = [Vector::ZERO; D];
+        flow.v.resize(p.len(), Vector::ZERO);
         if flow.lacking(p.h_max(), flow.speed(p)) > 0.0 {
             let of = |a: usize, i: usize, j| stretch[a][i][j];
             // Of strength one: the viscosity is known later, with the speed.
-            sweep_lanes(set, &mut flow.damping, &Damping { pairs, stretch: of, scale: 1.0 / rest, strength: [0.0, -1.0], h: &p.h });
+            let damping = Damping { pairs, stretch: of, scale: 1.0 / rest, strength: [0.0, -1.0], h: &p.h };
+            sweep_lanes(set, &mut flow.v[..owned], &damping);
+        } else {
+            flow.v.fill(Vector::ZERO);
         }
-        flow.stretch = stretch;
+        flow.strain = stretch;
         flow.parts.find(p, domain, &flow.near);
         let f = &flow.f;
         if flow.settings.free_surface == FreeSurface::None {
@@ -206,7 +211,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             domain.refresh_column(places);
             update(at, |a, at| {
                 if p.is_fluid(a) && !parts.is_full(a) {
-                    at.look_for_surface(lattice, near, f, places, a);
+                    at.look_for_surface(lattice, (near, &p.x), f, places, a);
                 }
             });
         }
@@ -228,12 +233,14 @@ impl<K: Kernel<D>, const D: usize> RowsOfPairs<Arrangement<D>, Matrix<D>> for Lo
     fn row<L: Lanes>(&self, a: usize, f: &mut Vec<f32>) -> (Arrangement<D>, Matrix<D>) {
         let Self { pairs, lattice, p } = self;
         if p.is_fluid(a) {
-            return Arrangement::of::<_, L>(pairs, lattice, a, Some(f));
+            return Arrangement::of::<_, L>(pairs, lattice, (a, p.h[a]), Some(f));
         }
         let half_over_rest = 0.5 / lattice.rest_density;
-        pairs.near.for_each(a, |pair| {
-            f.push((-half_over_rest * (p.mass[a] + p.mass[pair.b]) * pairs.kernel.dw_over_r(pair.r, pair.h)) as f32);
-        });
+        f.extend(pairs.near.of(a).iter().map(|&b| {
+            let b = b as usize;
+            let (r, h) = ((p.x[a] - p.x[b]).norm(), 0.5 * (p.h[a] + p.h[b]));
+            (-half_over_rest * (p.mass[a] + p.mass[b]) * pairs.kernel.dw_over_r(r, h)) as f32
+        }));
         (Arrangement::alone(), [Vector::ZERO; D])
     }
 }
@@ -259,20 +266,20 @@ impl<const D: usize> Flow<D> {
 
     /// Viscosity, m/s²: that of the fluid, `2ν Σ f (v_b − v_a)` (Morris, Fox & Zhu 1997) over `Σ f r²/D`, of the particle inside and off walls and of
     /// the lattice elsewhere, inside less what uneven neighbours make of a linear velocity, `2ν (∇v)·(Σ V∇W)`; and the dissipation between approaching
-    /// particles, `2(D+2) ν` times [`Damping`] with `ν` what the fluid [lacks](Self::lacking).
-    fn viscosity(&self, p: &Particles<D>, a: usize, speed: f64) -> Vector<D> {
+    /// particles, `2(D+2) ν` times `damping` with `ν` what the fluid [lacks](Self::lacking).
+    fn viscosity(&self, p: &Particles<D>, a: usize, damping: Vector<D>, speed: f64) -> Vector<D> {
         let at = &self.at[a];
         let surrounded = at.place == Place::Inside && at.off_walls == Vector::ZERO;
         // `Σ f r²` of this particle, where there is no lattice any more.
         let nu = self.diffusivity() / if surrounded { at.spread } else { 1.0 };
-        let numerical = 2.0 * (D as f64 + 2.0) * self.lacking(self.near.h(a), speed);
+        let numerical = 2.0 * (D as f64 + 2.0) * self.lacking(p.h[a], speed);
         let sticks = self.settings.wall_friction == WallFriction::NoSlip;
-        let mut total = numerical * self.damping[a];
+        let mut total = numerical * damping;
         if nu == 0.0 {
             return total;
         }
         let (mut linear, uneven) = (Vector::ZERO, transform(&at.correction, at.slope));
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+        self.near.for_each_at(&p.x, a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
                 let v_ab = p.v[a] - p.v[b];
                 total -= 2.0 * nu * f * v_ab;
@@ -292,9 +299,9 @@ impl<const D: usize> Flow<D> {
         domain.refresh_column(&mut self.v);
         let (numbering, v) = (&self.numbering, &self.v);
         self.by_unknown.resize(numbering.len(), [0.0; D]);
-        self.strain.resize(numbering.len(), [[0.0; D]; D]);
+        self.strain.resize(numbering.len(), [Vector::ZERO; D]);
         sweep(&mut self.by_unknown, |k| v[numbering.row(k)].0);
-        self.sliced.strain(&self.arms, &self.by_unknown, &mut self.strain, |strain, of_velocity| *of_velocity = strain);
+        self.sliced.strain(&self.arms, &self.by_unknown, &mut self.strain, |strain, of_velocity| *of_velocity = strain.map(Vector));
     }
 
     /// `D v` of unknown `k`, 1/s; [`strain`](Self::look_at_velocity) is that of `self.v`.
@@ -303,7 +310,7 @@ impl<const D: usize> Flow<D> {
         let mut total = -trace(&self.strain[k]);
         if self.at[a].off_walls != Vector::ZERO {
             let v_a = self.v[a];
-            self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+            self.near.for_each_at(&p.x, a, &self.f, |b, x_ab, f| {
                 if !p.is_fluid(b) {
                     total -= f * (self.v[b] - v_a).dot(x_ab);
                 }
@@ -352,10 +359,19 @@ impl<const D: usize> Flow<D> {
             self.numbering.renew(p, 2.0 * p.h_max());
             self.solver.forget();
         }
+        if self.settings.free_surface == FreeSurface::None {
+            let mut bending = std::mem::take(&mut self.bending);
+            bending.resize(p.owned(), 0.0);
+            sweep(&mut bending, |a| self.bending(p, a));
+            self.bending = bending;
+        }
         let (lattice, at, numbering) = (&self.lattice, &self.at, &self.numbering);
         self.pull.resize(fluid, 0.0);
         sweep(&mut self.pull, |k| at[numbering.row(k)].surface_pull(lattice));
         self.fill_matrix(p, domain);
+        // From here on the matrix knows the pairs of fluid, and `f` is asked for at walls alone. What a new multigrid is built in takes its room.
+        let at = &self.at;
+        self.f.keep(p.owned(), |a| !p.is_fluid(a) || at[a].off_walls != Vector::ZERO);
         let floor = 1e-6 / (self.medium.spacing * self.medium.spacing);
         let (at, numbering) = (&self.at, &self.numbering);
         self.exact.prepare(&self.arms, fluid, floor, |k| at[numbering.row(k)].slope);
@@ -363,24 +379,36 @@ impl<const D: usize> Flow<D> {
 
     fn fill_matrix(&mut self, p: &Particles<D>, domain: &Domain<D>) {
         let (owned, unknowns) = (p.owned(), self.numbering.len());
-        let (near, f, lattice, at, pull, numbering) = (&self.near, &self.f, &self.lattice, &self.at, &self.pull, &self.numbering);
+        let (near, f, numbering) = (&self.near, &self.f, &self.numbering);
+        let (at, pull, lattice) = (&self.at, &self.pull, &self.lattice);
         self.sliced.fill(unknowns, &mut self.arms, |k, row| {
             let a = numbering.row(k);
             let mut to_fluid = 0.0;
-            near.for_each_with(a, f, |b, x_ab, f| {
+            near.for_each_at(&p.x, a, f, |b, x_ab, f| {
                 if p.is_fluid(b) {
                     let weight = (2.0 * f) as f32;
                     to_fluid += f64::from(weight);
                     row.push(numbering.places[domain.parent(b, owned)] as usize, weight, x_ab.0.map(|x| (f * x) as f32));
                 }
             });
-            // A particle held by next to nothing gets a row that is not nothing: 2 % of the lattice's, all of it if it is alone.
-            let least = if at[a].links < 1e-6 * lattice.diagonal { 1.0 } else { 0.02 };
-            (to_fluid + pull[k]).max(least * lattice.diagonal)
+            diagonal(lattice, &at[a], to_fluid, pull[k])
         });
+        self.fill_rows();
+    }
+
+    /// Signed pulls of the surface become positive ones, and with them the matrix.
+    fn keep_positive(&mut self) {
+        self.pull.iter_mut().for_each(|s| *s = s.max(0.0));
+        let (at, pull, lattice, numbering) = (&self.at, &self.pull, &self.lattice, &self.numbering);
+        self.sliced.replace_diagonal(|k, to_fluid| diagonal(lattice, &at[numbering.row(k)], to_fluid, pull[k]));
+        self.fill_rows();
+    }
+
+    /// The matrix as rows, for a solver that does not take it in slices.
+    fn fill_rows(&mut self) {
         if !self.solver.takes_sliced() {
             let sliced = &self.sliced;
-            self.matrix.assemble(unknowns, |k, row| {
+            self.matrix.assemble(sliced.rows(), |k, row| {
                 sliced.row(k).for_each(|(j, weight)| row.push(j as usize, -f64::from(weight)));
                 row.push(k, sliced.diagonal(k));
             });
@@ -411,7 +439,7 @@ impl<const D: usize> Flow<D> {
             return 0.0;
         }
         let mut gradient = [Vector::<D>::ZERO; D];
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+        self.near.for_each_at(&p.x, a, &self.f, |b, x_ab, f| {
             let along = f * transform(&at.correction, x_ab);
             for (row, v) in gradient.iter_mut().zip((p.v[a] - p.v[b]).0) {
                 *row += v * along;
@@ -426,7 +454,7 @@ impl<const D: usize> Flow<D> {
         total * self.lattice.slope_of_linear::<D>()
     }
 
-    /// Solves the compact equation for the divergence of `self.v`; the result is in `self.solution`. `answered`: the wall rows of
+    /// Solves the compact equation for the divergence of `self.v`; the result is in `self.unknowns`. `answered`: the wall rows of
     /// `self.v` hold what gravity and their acceleration made of them, and their pressure answers to it.
     fn solve(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64, answered: Answer) -> Result<SolveReport, StepError> {
         self.look_at_velocity(domain);
@@ -440,7 +468,7 @@ impl<const D: usize> Flow<D> {
             }
             let mut walls = 0.0;
             if answered == Answer::Full && self.at[a].off_walls != Vector::ZERO {
-                self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+                self.near.for_each_at(&p.x, a, &self.f, |b, x_ab, f| {
                     if !p.is_fluid(b) {
                         walls -= 2.0 * f * rest * self.answer(p, b).dot(x_ab);
                     }
@@ -451,7 +479,6 @@ impl<const D: usize> Flow<D> {
             walls + uneven - rest / dt * (self.divergence_to_remove(p, k, dt) - 0.5 * dt * ahead)
         });
         self.source = source;
-        let owned = p.owned();
         let whole_is_closed = !self.pull.iter().any(|&s| s > 0.0);
         self.closure.active = whole_is_closed || self.closure.parts;
         if self.closure.active {
@@ -465,8 +492,7 @@ impl<const D: usize> Flow<D> {
             // Rare: a part without surface beside one with a surface, which costs a search, or fluid so uneven that signed pulls
             // cost the matrix its sign. Without negative pulls it has one.
             Err(_) => {
-                self.pull.iter_mut().for_each(|s| *s = s.max(0.0));
-                self.fill_matrix(p, domain);
+                self.keep_positive();
                 self.solver.forget();
                 if !whole_is_closed && self.closure.find(&self.parts, &self.numbering, &self.pull) {
                     (self.closure.parts, self.closure.active) = (true, true);
@@ -479,9 +505,6 @@ impl<const D: usize> Flow<D> {
         if self.closure.active {
             self.closure.level(&mut self.unknowns);
         }
-        let (numbering, unknowns) = (&self.numbering, &self.unknowns);
-        sweep(&mut self.solution[..owned], |a| numbering.place(a).map_or(0.0, |k| unknowns[k]));
-        domain.refresh_column(&mut self.solution);
         Ok(report)
     }
 
@@ -503,7 +526,7 @@ impl<const D: usize> Flow<D> {
             let a = this.numbering.row(k);
             let mut differences = -Vector(rise);
             if answered == Answer::Full && this.at[a].off_walls != Vector::ZERO {
-                this.near.for_each_with(a, &this.f, |b, x_ab, f| {
+                this.near.for_each_at(&p.x, a, &this.f, |b, x_ab, f| {
                     if !p.is_fluid(b) {
                         let along = known_along(x_ab, this.normals[b]);
                         differences += f * this.medium.rest_density * this.answer(p, b).dot(along) * along;
@@ -541,7 +564,7 @@ impl<const D: usize> Flow<D> {
                 *v -= exact.gradient(k);
             }
         });
-        sweep(&mut self.cleaning[..p.owned()], |a| numbering.place(a).map_or(0.0, |k| f64::from(exact.q[k])));
+        sweep(&mut self.cleaning[..p.owned()], |a| numbering.place(a).map_or(0.0, |k| exact.q[k]));
         domain.refresh_column(&mut self.cleaning);
         self.look_at_velocity(domain);
     }
@@ -551,7 +574,7 @@ impl<const D: usize> Flow<D> {
         let owned = p.owned();
         let mut shift = std::mem::take(&mut self.shift);
         shift.resize(owned, Vector::ZERO);
-        sweep(&mut shift, |a| if p.is_fluid(a) { self.shifting(a, dt) } else { Vector::ZERO });
+        sweep(&mut shift, |a| if p.is_fluid(a) { self.shifting(p, a, dt) } else { Vector::ZERO });
         self.shift = shift;
         if self.settings.density_iterations == 0 {
             return;
@@ -560,7 +583,7 @@ impl<const D: usize> Flow<D> {
         sweep(&mut self.by_unknown, |k| shift[numbering.row(k)].0);
         // The pressure of the step is known, and its unknowns are free.
         let mut swelling = std::mem::take(&mut self.unknowns);
-        self.sliced.strain(&self.arms, &self.by_unknown, &mut swelling, |strain, swelling| *swelling = trace(&strain));
+        self.sliced.strain(&self.arms, &self.by_unknown, &mut swelling, |strain, swelling| *swelling = trace(&strain.map(Vector)));
         let mut source = std::mem::take(&mut self.source);
         sweep(&mut source, |k| {
             let a = self.numbering.row(k);
@@ -584,12 +607,12 @@ impl<const D: usize> Flow<D> {
     }
 
     /// Shifting towards even spacing, m (Skillen et al. 2013), at most a tenth of a spacing: none on the surface, along it near it.
-    fn shifting(&self, a: usize, dt: f64) -> Vector<D> {
+    fn shifting(&self, p: &Particles<D>, a: usize, dt: f64) -> Vector<D> {
         let at = &self.at[a];
         if at.place == Place::Surface {
             return Vector::ZERO;
         }
-        let h = self.near.h(a);
+        let h = p.h[a];
         // Without a surface the greatest speed of all: where flow stagnates, it strains the packing most.
         let speed = match self.settings.free_surface {
             FreeSurface::Tracked => self.v[a].norm(),
@@ -610,12 +633,19 @@ impl<const D: usize> Flow<D> {
         };
         let (correction, shift, strain) = (&self.at[a].correction, self.shift[a], &self.strain[k]);
         let along = Vector(std::array::from_fn(|j| (0..D).map(|i| correction[i][j] * shift[i]).sum()));
-        Vector(std::array::from_fn(|i| -Vector(strain[i]).dot(along)))
+        Vector(std::array::from_fn(|i| -strain[i].dot(along)))
     }
 }
 
+/// Diagonal of the compact equation, 1/m², from its links to fluid and the pull of the surface. A particle held by next to nothing gets a row that is
+/// not nothing: 2 % of the lattice's, all of it if it is alone.
+fn diagonal<const D: usize>(lattice: &Lattice, at: &Arrangement<D>, to_fluid: f64, pull: f64) -> f64 {
+    let least = if at.links < 1e-6 * lattice.diagonal { 1.0 } else { 0.02 };
+    (to_fluid + pull).max(least * lattice.diagonal)
+}
+
 /// `Σ_i m_ii`.
-fn trace<const D: usize>(m: &[[f64; D]; D]) -> f64 {
+fn trace<const D: usize>(m: &Matrix<D>) -> f64 {
     (0..D).map(|i| m[i][i]).sum()
 }
 
@@ -734,8 +764,7 @@ impl<const D: usize> Flow<D> {
             });
             update2(&mut p.v[..owned], &mut moved, |_, v, moved| std::mem::swap(v, &mut moved.v));
             self.moved = moved;
-            std::mem::swap(&mut p.pressure, &mut self.solution);
-            p.pressure.clone_from(&self.pressure);
+            std::mem::swap(&mut p.pressure, &mut self.pressure);
             self.wall_pressures(p);
             self.wall_forces(p, domain, kick);
             update2(&mut p.x[..owned], &mut self.moved, |_, x, moved| std::mem::swap(x, &mut moved.x));
@@ -753,7 +782,7 @@ impl<const D: usize> Flow<D> {
                 (p.x[a], p.v[a]) = (moved.x, moved.v);
             }
             p.acceleration[..owned].copy_from_slice(&self.shift);
-            p.pressure.copy_from_slice(&self.solution);
+            p.pressure.copy_from_slice(&self.pressure);
         }
         p.density[..owned].copy_from_slice(&self.densities);
         self.before.give_back(p, domain);
@@ -764,12 +793,13 @@ impl<const D: usize> Flow<D> {
         let (owned, speed) = (p.owned(), self.speed(p));
         self.fastest = speed;
         let mut v = std::mem::take(&mut self.v);
-        v.resize(p.len(), Vector::ZERO);
         let this = &*self;
-        sweep(&mut v[..owned], |a| match p.kind[a] {
-            Kind::Fluid => p.v[a] + dt * (this.medium.gravity + this.viscosity(p, a, speed)),
-            Kind::Wall => p.v[a] + dt * this.answer(p, a),
-            Kind::Lost => Vector::ZERO,
+        update(&mut v[..owned], |a, v| {
+            *v = match p.kind[a] {
+                Kind::Fluid => p.v[a] + dt * (this.medium.gravity + this.viscosity(p, a, *v, speed)),
+                Kind::Wall => p.v[a] + dt * this.answer(p, a),
+                Kind::Lost => Vector::ZERO,
+            }
         });
         let nu = self.diffusivity();
         let sticks = nu > 0.0 && self.settings.wall_friction == WallFriction::NoSlip;
@@ -777,7 +807,7 @@ impl<const D: usize> Flow<D> {
         sweep(&mut force[..owned], |a| {
             let mut total = Vector::ZERO;
             if sticks && p.kind[a] == Kind::Wall {
-                this.near.for_each_with(a, &this.f, |b, x_ab, f| {
+                this.near.for_each_at(&p.x, a, &this.f, |b, x_ab, f| {
                     if p.is_fluid(b) {
                         total -= nu * p.mass[b] * this.drag(p, b, a, -x_ab, f);
                     }
@@ -792,16 +822,9 @@ impl<const D: usize> Flow<D> {
     /// (2) and (3): pressure and velocity, in `self.pressure` and `self.v`.
     fn press(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) -> Result<StepReport, StepError> {
         let (owned, rest) = (p.owned(), self.medium.rest_density);
-        self.solution.resize(p.len(), 0.0);
         self.rise.resize(owned, Vector::ZERO);
         self.pressure.clear();
         self.pressure.resize(p.len(), 0.0);
-        if self.settings.free_surface == FreeSurface::None {
-            let mut bending = std::mem::take(&mut self.bending);
-            bending.resize(owned, 0.0);
-            sweep(&mut bending, |a| self.bending(p, a));
-            self.bending = bending;
-        }
         let (mut iterations, mut residual) = (0, 0.0f64);
         for pass in 0..self.settings.pressure_passes {
             let answered = if pass == 0 { Answer::Full } else { Answer::None };
@@ -822,9 +845,10 @@ impl<const D: usize> Flow<D> {
                 Kind::Wall => *v = p.v[a],
                 Kind::Lost => *v = Vector::ZERO,
             });
-            let solution = &self.solution;
-            update(&mut self.pressure, |a, total| *total += solution[a]);
+            let unknowns = &self.unknowns;
+            update(&mut self.pressure[..owned], |a, total| *total += numbering.place(a).map_or(0.0, |k| unknowns[k]));
         }
+        domain.refresh_column(&mut self.pressure);
         domain.refresh_column(&mut self.v);
         Ok(StepReport {
             iterations: Some(iterations),

@@ -37,18 +37,15 @@ impl<const D: usize> Flow<D> {
         self.medium.gravity - p.acceleration[a]
     }
 
-    /// Normals of walls from those of the first line where there are new ones.
-    pub(super) fn look_at_walls(&mut self, p: &Particles<D>, domain: &Domain<D>, first: Option<&[Vector<D>]>) {
+    /// Normals of walls from those of the first line.
+    pub(super) fn look_at_walls(&mut self, p: &Particles<D>, first: &[Vector<D>]) {
         let owned = p.owned();
         if self.first_line.len() != owned {
             self.first_line = first_line_parents(&self.near, p);
         }
         self.normals.resize(p.len(), Vector::ZERO);
-        if let Some(first) = first {
-            let first_line = &self.first_line;
-            sweep(&mut self.normals[..owned], |a| first[first_line[a] as usize]);
-        }
-        domain.refresh_column(&mut self.normals);
+        let first_line = &self.first_line;
+        sweep(&mut self.normals[..owned], |a| first[first_line[a] as usize]);
     }
 
     /// Drag of wall particle `w` on fluid particle `a`, m/s² over `ν`: `2 f β (v_w − v_a)`, `β = 1 + d_w/d_a` from the distances
@@ -72,7 +69,7 @@ impl<const D: usize> Flow<D> {
         if self.at[a].off_walls == Vector::ZERO {
             return moved;
         }
-        self.near.for_each_with(a, &self.f, |b, _, _| {
+        self.near.for_each_at(&p.x, a, &self.f, |b, _, _| {
             let normal = self.normals[b];
             if p.layer[b] == 1 && normal != Vector::ZERO {
                 let off = moved.x - p.x[b] - dt * self.v[b];
@@ -93,11 +90,11 @@ impl<const D: usize> Flow<D> {
     /// 2012), less where less than half the fluid of a flat wall is in reach.
     pub(super) fn wall_pressure(&self, p: &Particles<D>, a: usize) -> f64 {
         let (mut weight, mut total, mut spread) = (0.0, 0.0, 0.0);
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+        self.near.for_each_at(&p.x, a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
                 weight += f;
                 spread += f * x_ab.norm_squared();
-                total += f * (self.pressure[b] + self.medium.rest_density * self.answer(p, a).dot(x_ab));
+                total += f * (p.pressure[b] + self.medium.rest_density * self.answer(p, a).dot(x_ab));
             }
         });
         let flat_wall = (1.0 - self.lattice.spread_row[0]) * self.lattice.spread;
@@ -125,9 +122,9 @@ impl<const D: usize> Flow<D> {
         // Exact for constant pressure on a lattice.
         let scale = D as f64 / self.lattice.spread;
         let mut total = Vector::ZERO;
-        self.near.for_each_with(a, &self.f, |b, x_ab, f| {
+        self.near.for_each_at(&p.x, a, &self.f, |b, x_ab, f| {
             if p.is_fluid(b) {
-                let pressure = scale * (2.0 * self.pressure[b] + rest * self.answer(p, a).dot(x_ab)) + rest * self.cleaning[b] / dt;
+                let pressure = scale * (2.0 * p.pressure[b] + rest * self.answer(p, a).dot(x_ab)) + rest * f64::from(self.cleaning[b]) / dt;
                 total += p.mass[b] / rest * f * pressure * x_ab;
                 let owner = domain.parent(b, p.owned());
                 let moved = &self.moved[owner];
