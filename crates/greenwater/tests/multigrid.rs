@@ -247,10 +247,10 @@ fn sliced(a: &CsrMatrix) -> Sliced {
 fn builds_and_most_iterations(a: &CsrMatrix) -> (usize, usize) {
     let settings = SolverSettings { preconditioner: PreconditionerKind::Multigrid, tolerance: 1e-6, ..SolverSettings::default() };
     let (matrix, mut solver) = (sliced(a), LinearSolver::new(settings).unwrap());
-    let (mut builds, mut most, b) = (0, 0, source(a));
+    let (mut builds, mut most, b, mut room) = (0, 0, source(a), vec![0.0; 3 * a.rows()]);
     for _ in 0..100 {
         let mut x = vec![0.0; a.rows()];
-        let report = solver.solve_sliced(&matrix, &b, &mut x, 0.0).unwrap_or_else(|error| panic!("{error}"));
+        let report = solver.solve_sliced(&matrix, &b, &mut x, 0.0, &mut room).unwrap_or_else(|error| panic!("{error}"));
         assert!(report.residual <= 1e-6);
         (builds, most) = (builds + usize::from(report.setup_seconds > 0.0), most.max(report.iterations));
     }

@@ -46,15 +46,25 @@ pub(super) struct Vectors {
 
 impl Vectors {
     pub(super) fn resize(&mut self, n: usize) {
-        self.resize_for_gradients(n);
-        self.q.resize(n, 0.0);
-    }
-
-    /// Those of [`cg_sliced`].
-    pub(super) fn resize_for_gradients(&mut self, n: usize) {
-        for vector in [&mut self.r, &mut self.p, &mut self.z] {
+        for vector in [&mut self.r, &mut self.p, &mut self.q, &mut self.z] {
             vector.resize(n, 0.0);
         }
+    }
+}
+
+/// Work vectors of [`cg_sliced`], in room that somebody lends.
+pub(super) struct Lent<'a> {
+    pub(super) r: &'a mut [f64],
+    p: &'a mut [f64],
+    z: &'a mut [f64],
+}
+
+impl<'a> Lent<'a> {
+    /// For `n` rows: `room` holds three times as many numbers or more.
+    pub(super) fn of(room: &'a mut [f64], n: usize) -> Self {
+        let (r, room) = room.split_at_mut(n);
+        let (p, room) = room.split_at_mut(n);
+        Self { r, p, z: &mut room[..n] }
     }
 }
 
@@ -92,9 +102,9 @@ pub(super) fn cg_sliced(
     mut precondition: impl FnMut(&[f64], &mut [f64]),
     (target, budget): (f64, usize),
     x: &mut [f64],
-    v: &mut Vectors,
+    v: &mut Lent,
 ) -> Result<usize, Stuck> {
-    let Vectors { r, p, z, .. } = v;
+    let Lent { r, p, z } = v;
     precondition(r, z);
     p.copy_from_slice(z);
     let mut rz = dot(r, z);

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::dense::DenseLu;
-use super::krylov::{self, Stuck, System, Vectors};
+use super::krylov::{self, Lent, Stuck, System, Vectors};
 use super::preconditioner::Preconditioner;
 use super::thrift::Thrift;
 use super::{CsrMatrix, PreconditionerKind, Sliced, SolveError, SolveReport, SolverMethod, SolverSettings};
@@ -121,9 +121,11 @@ impl LinearSolver {
     /// takes their place for as long as it is: fluid in fragments, or little of it. What is cheaper is told by products with the matrix, which are
     /// counted, so that a run repeats itself to the bit.
     ///
+    /// Overwrites `room`, which lends its work vectors: three numbers a row or more; panics where there are fewer.
+    ///
     /// # Errors
     /// As [`solve`](Self::solve).
-    pub fn solve_sliced(&mut self, a: &Sliced, b: &[f64], x: &mut [f64], size: f64) -> Result<SolveReport, SolveError> {
+    pub fn solve_sliced(&mut self, a: &Sliced, b: &[f64], x: &mut [f64], size: f64, room: &mut [f64]) -> Result<SolveReport, SolveError> {
         if a.rows() != b.len() || a.rows() != x.len() {
             return Err(SolveError::Shape { rows: a.rows(), rhs: b.len(), solution: x.len() });
         }
@@ -134,14 +136,14 @@ impl LinearSolver {
             x.fill(0.0);
             return Ok(report);
         }
-        self.vectors.resize_for_gradients(a.rows());
+        let mut vectors = Lent::of(room, a.rows());
         let SolverSettings { tolerance, max_iterations, .. } = self.settings;
         let (mut from, mut before, mut goal) = (f64::NAN, 0, tolerance);
         loop {
-            self.vectors.r.copy_from_slice(b);
-            a.with_double(x, &mut self.vectors.r, |ax, r| *r -= ax);
+            vectors.r.copy_from_slice(b);
+            a.with_double(x, &mut *vectors.r, |ax, r| *r -= ax);
             let last = report.residual;
-            report.residual = norm(&self.vectors.r) / size;
+            report.residual = norm(vectors.r) / size;
             if !(report.residual.is_finite() && size.is_normal()) {
                 return Err(sliced_not_finite(a, b, x, size, &report, last));
             }
@@ -175,7 +177,7 @@ impl LinearSolver {
             let decades = (report.residual / goal).log10();
             let left = max_iterations - report.iterations;
             let budget = left.min(if jacobi { self.thrift.allowance(decades) } else { self.patience(decades) });
-            let (target, m, v) = ((goal * size, budget), &mut self.preconditioner, &mut self.vectors);
+            let (target, m, v) = ((goal * size, budget), &mut self.preconditioner, &mut vectors);
             let improved = if jacobi {
                 krylov::cg_sliced(a, |r, z| sweep(z, |i| r[i] / a.diagonal(i)), target, x, v)
             } else {

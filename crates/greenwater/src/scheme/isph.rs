@@ -17,7 +17,7 @@ use super::before::Before;
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::lanes::{Lanes, sweep_lanes};
+use crate::lanes::{Lanes, Record, sweep_lanes};
 use crate::math::{Matrix, Vector, transform};
 use crate::neighbors::{BehindWalls, Neighbors, PairColumn, RowsOfPairs};
 use crate::particles::{Kind, Particles};
@@ -510,7 +510,9 @@ impl<const D: usize> Flow<D> {
 
     fn solve_as_asked(&mut self) -> Result<SolveReport, SolveError> {
         if self.solver.takes_sliced() {
-            self.solver.solve_sliced(&self.sliced, &self.source, &mut self.unknowns, self.first_source)
+            // Records are made anew in the next step.
+            let room = Record::flat_mut(&mut self.sense.records);
+            self.solver.solve_sliced(&self.sliced, &self.source, &mut self.unknowns, self.first_source, room)
         } else {
             self.solver.solve(&self.matrix, &self.source, &mut self.unknowns)
         }
