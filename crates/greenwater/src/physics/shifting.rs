@@ -1,13 +1,29 @@
 //! Shifting: small moves that keep particles evenly spaced.
 
-use crate::math::Vector;
+use crate::lanes::Real;
+use crate::math::{Vector, power};
 
-/// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b ∇_a W_ab`, no longer than `U dt/2` (Sun et al. 2017, 2019), and of the sum
+/// Extra push of pairs that are too close, `R`, dimensionless: that of Sun et al. (2017), after Monaghan (2000), where the `pressure` of a particle is
+/// no more than the flow makes, `dynamic = ρ U²` of [`shift_speed`], none where it is more than twice that, both Pa.
+///
+/// Pressure holds the square lattice of a kernel of `h = 2` spacings and not the triangular one. With the push, shifts hold the triangular lattice and
+/// break the square one. Under the weight of water shifts and pressure would move particles without end; where the flow rules, it is what keeps
+/// particles even.
+#[inline(always)]
+pub fn push_of_close_pairs(pressure: f64, dynamic: f64) -> f64 {
+    const PUSH: f64 = 0.2;
+    PUSH * (2.0 * dynamic - pressure).clamp(0.0, dynamic) / dynamic.max(f64::MIN_POSITIVE)
+}
+
+/// Weight of a pair in the concentration gradient, dimensionless: `1 + R (W_ab/W(Δx))⁴` (Sun et al. 2017). `w_ratio` is `W_ab/W(Δx)`, `push` is `R`.
+#[inline(always)]
+pub fn pair_weight<L: Real>(w_ratio: L, push: L) -> L {
+    power(w_ratio, 4) * push + 1.0
+}
+
+/// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b [1 + R (W_ab/W(Δx))⁴] ∇_a W_ab`, no longer than `U dt/2` (Sun et al. 2017, 2019), and of the sum
 /// no more than makes it even. `concentration` is the sum, 1/m; `speed` is `U`, m/s; `stiffness` is how the sum of the stiffest wave of a lattice
 /// changes with its displacements, 1/m² ([`Lattice::stiffness`](super::lattice::Lattice::stiffness)): shifts of more than twice its inverse overshoot and grow.
-///
-/// The push that Sun et al. give close pairs beside, `1 + 0.2 (W_ab/W(Δx))⁴`, is left out: under it a square lattice gives way, which the pressure of
-/// `h = 2` spacings holds, and holds the triangular one, which gives way to the pressure. Shifts and pressure would move particles without end.
 ///
 /// Near a free surface pass its unit `normal`: only the part along the surface is kept.
 #[inline]
@@ -61,7 +77,7 @@ mod tests {
     use crate::kernel::{Kernel, WendlandC2};
 
     /// Where the shift of a particle goes over the displacement of every second row along itself, on a square lattice at `h = 2` spacings: back into line if
-    /// above zero. `push` is the `R` of Sun et al.
+    /// above zero.
     fn back_into_line(push: f64) -> f64 {
         let (h, by) = (2.0, 1e-4);
         let kernel = |r: f64| Kernel::<2>::w(WendlandC2, r, h);
@@ -70,7 +86,7 @@ mod tests {
             for j in (-5..=5).filter(|&j| (i, j) != (0, 0)) {
                 let x = Vector([f64::from(i) + if j % 2 == 0 { 0.0 } else { by }, f64::from(j)]);
                 let close = kernel(x.norm()) / kernel(1.0);
-                total += (1.0 + push * close.powi(4)) * Kernel::<2>::dw_over_r(WendlandC2, x.norm(), h) * x[0];
+                total += pair_weight(close, push) * Kernel::<2>::dw_over_r(WendlandC2, x.norm(), h) * x[0];
             }
         }
         total / by
@@ -81,6 +97,12 @@ mod tests {
         assert!(back_into_line(0.0) > 0.0);
         // -0.0062: without the push it is nothing to speak of, 0.0000 in the digits of the theory page.
         assert!(back_into_line(0.2) < -0.005, "{}", back_into_line(0.2));
+    }
+
+    #[test]
+    fn close_pairs_are_pushed_where_the_flow_makes_the_pressure() {
+        assert_eq!([-1e4, 0.0, 50.0, 75.0, 100.0, 1e4].map(|pressure| push_of_close_pairs(pressure, 50.0)), [0.2, 0.2, 0.2, 0.1, 0.0, 0.0]);
+        assert_eq!([-1.0, 0.0, 1.0].map(|pressure| push_of_close_pairs(pressure, 0.0)), [0.0; 3]);
     }
 
     #[test]

@@ -488,6 +488,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             scale: self.volume_scale(),
             plan: &self.plan,
             lattice: self.lattice,
+            spacing: self.medium.spacing,
             looked: &self.found,
             fastest: fastest(p),
             dt,

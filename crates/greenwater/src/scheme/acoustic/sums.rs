@@ -11,7 +11,7 @@ use crate::physics::correction::renormalisation;
 use crate::physics::diffusion::{gradient_at_rest, jump};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, record, scaled, splat, totals};
-use crate::physics::shifting::{shift, shift_speed, volume_pull};
+use crate::physics::shifting::{pair_weight, push_of_close_pairs, shift, shift_speed, volume_pull};
 use crate::physics::state::EquationOfState;
 use crate::physics::viscosity::{Tensor, contract};
 use crate::walls::dummy::WallSuction;
@@ -153,6 +153,7 @@ pub(super) struct Shifting<'a, K, const D: usize> {
     pub plan: &'a Plan,
     /// What a surface makes missing of `Σ V W`.
     pub lattice: Lattice,
+    pub spacing: f64,
     pub looked: &'a [Finding<D>],
     /// Greatest speed, m/s.
     pub fastest: f64,
@@ -170,7 +171,10 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
             Kind::Fluid if own.v::<D>() != Vector::ZERO => (Shift { weight: self.looked[a].weight(), ..Shift::<D>::NONE }, Place::Surface),
             Kind::Fluid => {
                 let reach = self.pairs.reach::<L>(self.h[a]);
-                let term = Crowd { reach, density: L::splat(own.value::<D>()) };
+                let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
+                let speed = self.speed(a);
+                let push = push_of_close_pairs(self.plan.state.pressure(own.value::<D>()), self.plan.state.rest * speed * speed);
+                let term = Crowd { reach, per_whole: reach.w_scale() / whole, push: L::splat(push), density: L::splat(own.value::<D>()) };
                 let found = self.pairs.near.sum(a, self.pairs.records, &term);
                 self.shifted(a, &own, [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale], found)
             }
@@ -180,23 +184,29 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
 }
 
 impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
+    /// Speed that shifts go by, m/s.
+    #[inline(always)]
+    fn speed(&self, a: usize) -> f64 {
+        shift_speed(self.looked[a].strain_rate(), self.h[a], self.fastest)
+    }
+
     /// `scales`: of `V W` and of `V ∇W` over those of the sums.
     #[inline(always)]
     fn shifted<L: Lanes>(&self, a: usize, own: &Record, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
         let Plan { shifting, volume_control, state, suction, .. } = *self.plan;
         let parts = suction == WallSuction::None && found.at_wall.total() > 0.0;
         let least = if parts { 0.0 } else { f64::NEG_INFINITY };
-        let (h, strain) = (self.h[a], self.looked[a].strain_rate());
+        let h = self.h[a];
         let outward = totals(found.outward);
         let length = outward.norm();
         let (normal, place) = if length > 0.0 { (Some(outward / length), Place::Near) } else { (None, Place::Inside) };
         let concentration = scales[1] * totals(found.concentration);
-        let by = shift(concentration, h, shifting * shift_speed(strain, h, self.fastest), self.dt, self.lattice.stiffness, normal);
+        let by = shift(concentration, h, shifting * self.speed(a), self.dt, self.lattice.stiffness, normal);
         let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
         let (missing, weight) = match place {
             Place::Near => {
-                let slope = self.lattice.slope_of_linear::<D>() * concentration.norm();
-                (self.lattice.missing(slope), self.looked[a].weight())
+                let slope = self.lattice.slope_of_linear::<D>() * scales[1] * totals(found.slope);
+                (self.lattice.missing(slope.norm()), self.looked[a].weight())
             }
             _ => (0.0, 1.0),
         };
@@ -211,8 +221,10 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
 struct Crowding<L, const D: usize> {
     /// `Σ m W` without the particle itself.
     filling: L,
-    /// `Σ m ∇W`.
+    /// `Σ m ∇W`, close pairs with more weight.
     concentration: [L; D],
+    /// `Σ m ∇W`.
+    slope: [L; D],
     /// `Σ m (ρ_b − ρ_a) ∇W`.
     gradient: [L; D],
     /// `Σ W n`: out of the fluid.
@@ -225,6 +237,10 @@ struct Crowding<L, const D: usize> {
 
 struct Crowd<'a, K, L> {
     reach: Reach<'a, K, L>,
+    /// `1/W(Δx)` on the scale of the particle.
+    per_whole: f64,
+    /// Extra push of pairs that are too close, dimensionless.
+    push: L,
     density: L,
 }
 
@@ -237,6 +253,7 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
         Crowding {
             filling: L::splat(0.0),
             concentration: nothing,
+            slope: nothing,
             gradient: nothing,
             outward: nothing,
             moments: [nothing; D],
@@ -250,7 +267,8 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
         let w = self.reach.w(octet);
         let dw = b.mass * self.reach.slope(octet);
         totals.filling = b.mass.times_plus(w, totals.filling);
-        add_scaled(&mut totals.concentration, dw, &octet.x_ab);
+        add_scaled(&mut totals.concentration, pair_weight(w * self.per_whole, self.push) * dw, &octet.x_ab);
+        add_scaled(&mut totals.slope, dw, &octet.x_ab);
         add_scaled(&mut totals.gradient, (b.value - self.density) * dw, &octet.x_ab);
         add_scaled(&mut totals.outward, w, &b.v);
         add_moments(&mut totals.moments, dw, &octet.x_ab);
