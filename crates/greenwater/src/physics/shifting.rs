@@ -21,8 +21,8 @@ pub fn pair_weight<L: Real>(w_ratio: L, push: L) -> L {
     power(w_ratio, 4) * push + 1.0
 }
 
-/// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b [1 + R (W_ab/W(Δx))⁴] ∇_a W_ab`, no longer than `U dt/2` (Sun et al. 2017, 2019), and of the sum
-/// no more than makes it even. `concentration` is the sum, 1/m; `speed` is `U`, m/s; `stiffness` is how the sum of the stiffest wave of a lattice
+/// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b [1 + R (W_ab/W(Δx))⁴] ∇_a W_ab`, no longer than `U dt/2` (Sun et al. 2017,
+/// 2019), and of the sum no more than makes it even. `concentration` is the sum, 1/m; `speed` is `U`, m/s; `stiffness` is how the sum of the stiffest wave of a lattice
 /// changes with its displacements, 1/m² ([`Lattice::stiffness`](super::lattice::Lattice::stiffness)): shifts of more than twice its inverse overshoot and grow.
 ///
 /// Near a free surface pass its unit `normal`: only the part along the surface is kept.
@@ -125,6 +125,9 @@ mod tests {
         assert!(free[0] < 0.0 && free[1] < 0.0);
         let along = shift(Vector([0.1, 0.2]), 0.05, 2.0, 1e-3, 1.0, Some(Vector([0.0, 1.0])));
         assert_eq!(along, Vector([free[0], 0.0]));
+        // A stiff lattice takes no more than the inverse of its stiffness.
+        let stiff = shift(Vector([0.1, 0.0]), 0.05, 2.0, 1e-3, 1e5, None);
+        assert!((stiff[0] + 1e-6).abs() < 1e-18, "{stiff:?}");
         // 1e-15: round-off of the scaling.
         assert!((shift(Vector([1e3, 0.0]), 0.05, 2.0, 1e-3, 1.0, None).norm() - 1e-3).abs() < 1e-15);
     }
