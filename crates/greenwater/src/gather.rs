@@ -93,7 +93,11 @@ impl Slices {
     pub fn clear(&mut self) {
         self.ends.clear();
         match &mut self.columns {
-            Columns::Near(_, columns) => columns.clear(),
+            Columns::Near(low, columns) => {
+                // Rows without an entry may follow, and read nothing of any `x`.
+                *low = 0;
+                columns.clear();
+            }
             Columns::Far(columns) => columns.clear(),
         }
         self.bound = 0;
@@ -726,6 +730,17 @@ mod avx2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As a block of rows whose particles have parted from all others, in a matrix that has become smaller.
+    #[test]
+    fn rows_without_an_entry_read_nothing_wherever_those_before_them_did() {
+        let (mut slices, _) = slice(100_000, 0);
+        slices.clear();
+        slices.close();
+        let mut out = [1.0; LANES];
+        slices.sum(&[], &[0.0; LANES], &mut out);
+        assert_eq!(out, [0.0; LANES]);
+    }
 
     /// Sixteen rows of different lengths over 100 columns from `first` on, but for one that is `far` behind it, and two weights of each entry.
     fn slice(first: u32, far: u32) -> (Slices, [Vec<Lanes<f32>>; 2]) {

@@ -22,8 +22,9 @@ pub fn pair_weight<L: Real>(w_ratio: L, push: L) -> L {
 }
 
 /// The shift of a particle over a step `dt` (s), m: `−2 h U dt Σ_b V_b [1 + R (W_ab/W(Δx))⁴] ∇_a W_ab`, no longer than `U dt/2` (Sun et al. 2017,
-/// 2019), and of the sum no more than makes it even. `concentration` is the sum, 1/m; `speed` is `U`, m/s; `stiffness` is how the sum of the stiffest wave of a lattice
-/// changes with its displacements, 1/m² ([`Lattice::stiffness`](super::lattice::Lattice::stiffness)): shifts of more than twice its inverse overshoot and grow.
+/// 2019), and of the sum no more than makes it even. `concentration` is the sum, 1/m; `speed` is `U`, m/s; `stiffness` is how the sum of the stiffest
+/// wave of a lattice changes with its displacements, 1/m² ([`Lattice::stiffness`](super::lattice::Lattice::stiffness)): shifts of more than twice
+/// its inverse overshoot and grow.
 ///
 /// Near a free surface pass its unit `normal`: only the part along the surface is kept.
 #[inline]
