@@ -44,6 +44,22 @@ fn good() -> Setup<2> {
     two_d(parse(GOOD).unwrap_or_else(|error| panic!("{error}")))
 }
 
+/// A plate of two spacings between two kernels that reach four, and one of four.
+#[test]
+fn a_wall_that_the_kernel_reaches_through_is_warned_of() {
+    let warned = |to: &str| {
+        let plate = format!(r#", {{ name = "plate", box = {{ min = [1.0, 0.0], max = [{to}, 0.7] }} }}]"#);
+        let text = GOOD.replace("layers = 2", "layers = 4").replace(r#"open = ["top"] } }]"#, &format!(r#"open = ["top"] }} }}{plate}"#));
+        two_d(parse(&text).unwrap_or_else(|error| panic!("{error}"))).audit().warnings
+    };
+    assert_eq!(
+        warned("1.2"),
+        ["the wall at (1.050, 0.350) m is 2 spacings thick and the kernel reaches 4.0: fluid feels what is behind it; \
+          a thicker wall or a smaller `fluid.spacing` helps"]
+    );
+    assert_eq!(warned("1.4"), <[&str; 0]>::default());
+}
+
 /// The message and exit code of the good case with `from` replaced by `to`.
 fn broken(from: &str, to: &str) -> (String, u8) {
     assert!(GOOD.contains(from), "{from}");

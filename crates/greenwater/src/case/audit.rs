@@ -42,7 +42,7 @@ impl<const D: usize> Setup<D> {
     /// Looks at distances, volumes and walls of the initial particles.
     pub fn audit(&self) -> Audit {
         let (dx, p) = (self.spacing, &self.particles);
-        let (closest, fluid_to_wall) = distances(p, dx);
+        let Around { closest, fluid_to_wall, thin } = look_around(p, dx, self.kernel.radius() * self.smoothing_length);
         let fluid_mass: f64 = (0..p.owned()).filter(|&a| p.is_fluid(a)).map(|a| p.mass[a]).sum();
         let mut warnings = Vec::new();
         let layers = (0..p.owned()).map(|a| p.layer[a]).max().unwrap_or(0);
@@ -54,6 +54,13 @@ impl<const D: usize> Setup<D> {
                 "the kernel reaches beyond the {layers} line(s) of the walls, where fluid at a wall misses {:.1} % of its neighbours' weight; \
                  more `walls.layers` help",
                 100.0 * missing
+            ));
+        }
+        if let Some((at, thickness)) = thin {
+            warnings.push(format!(
+                "the wall at {at} m is {thickness} spacings thick and the kernel reaches {:.1}: fluid feels what is behind it; a thicker wall or a \
+                 smaller `fluid.spacing` helps",
+                self.kernel.radius() * self.smoothing_length / dx
             ));
         }
         if closest < 0.5 * dx {
@@ -76,22 +83,42 @@ impl<const D: usize> Setup<D> {
     }
 }
 
-/// Smallest distances: of any two particles, and of fluid and wall, m.
-fn distances<const D: usize>(p: &Particles<D>, dx: f64) -> (f64, f64) {
+/// What neighbours tell.
+struct Around {
+    /// Smallest distance of any two particles, m.
+    closest: f64,
+    /// Smallest distance of fluid and wall, m.
+    fluid_to_wall: f64,
+    /// Where a wall is that a kernel reaches through, and how many spacings thick it is at the most.
+    thin: Option<(String, u8)>,
+}
+
+/// Looks at the neighbours of each particle. Lines of a wall are counted from its faces, so that one with lines up to `n` is up to `2n` spacings thick;
+/// what is thinner than `reach`, m, and than the thickest wall of all is thin.
+fn look_around<const D: usize>(p: &Particles<D>, dx: f64, reach: f64) -> Around {
     let mut wide = p.clone();
     wide.h.fill(0.5 * REACH * dx);
     let mut near = Neighbors::new();
-    let (mut closest, mut fluid_to_wall) = (f64::INFINITY, f64::INFINITY);
+    let mut around = Around { closest: f64::INFINITY, fluid_to_wall: f64::INFINITY, thin: None };
     // Positions of a setup are finite, which is all that a search asks for.
-    if near.build(&wide, 2.0, Search::Grid).is_ok() {
-        for a in 0..p.owned() {
-            near.for_each(a, |pair| {
-                closest = closest.min(pair.r);
-                if p.kind[a] == Kind::Fluid && p.kind[pair.b] == Kind::Wall {
-                    fluid_to_wall = fluid_to_wall.min(pair.r);
-                }
-            });
+    if near.build(&wide, 2.0, Search::Grid).is_err() {
+        return around;
+    }
+    let lines = p.layer.iter().max().copied().unwrap_or(0);
+    for a in 0..p.owned() {
+        let mut deepest = p.layer[a];
+        near.for_each(a, |pair| {
+            around.closest = around.closest.min(pair.r);
+            if p.kind[a] == Kind::Fluid && p.kind[pair.b] == Kind::Wall {
+                around.fluid_to_wall = around.fluid_to_wall.min(pair.r);
+            }
+            deepest = deepest.max(p.layer[pair.b]);
+        });
+        let thickness = deepest.saturating_mul(2);
+        if around.thin.is_none() && p.kind[a] == Kind::Wall && deepest < lines && f64::from(thickness) * dx < reach {
+            let at: Vec<String> = p.x[a].0.iter().map(|x| format!("{x:.3}")).collect();
+            around.thin = Some((format!("({})", at.join(", ")), thickness));
         }
     }
-    (closest, fluid_to_wall)
+    around
 }

@@ -125,6 +125,12 @@ impl Lattice {
         0.5 * (self.spread_row[0] + self.spread_row[1])
     }
 
+    /// Whether more of the filling is missing, `1 − Σ V W` (dimensionless, of the whole), than a surface explains that makes a slope of `slope`, 1/m: more
+    /// by half of what a film of one row lacks, which has air on both sides and no slope. That is what a flat surface lacks.
+    pub fn is_foam(&self, filling: f64, slope: f64) -> bool {
+        1.0 - filling - self.missing(slope) > 1.0 - self.sum_w_row[0]
+    }
+
     /// What pressure counts for in forces, and compression in the rate of density, where `Σ f r²` is `share` of that inside: one from row 1 on inwards;
     /// in row 0, and where less is left, what keeps row 0 of liquid at rest in place under the pressure of its depth; in proportion between them.
     ///
@@ -243,6 +249,31 @@ mod tests {
             assert_eq!([outer, inner, 1.0].map(|share| lattice.surface_weight(share)), [lattice.weight_row, 1.0, 1.0]);
             assert_eq!(lattice.surface_weight(0.0), lattice.weight_row);
         }
+    }
+
+    /// Rows of films, corners and loose lattices, summed here; of walls that hold a film a half is full.
+    #[test]
+    fn foam_is_told_from_surfaces() {
+        let h = 2.0;
+        let lattice = Lattice::of::<_, 2>(WendlandC2, h, 1.0, 1e3);
+        // At a point with neighbours `apart` from each other where `inside` says so.
+        let foam = |apart: f64, inside: fn(i32, i32) -> bool| {
+            let (mut filling, mut slope) = (0.0, Vector::ZERO);
+            for (i, j) in (-4..=4).flat_map(|i| (-4..=4).map(move |j| (i, j))).filter(|&(i, j)| inside(i, j)) {
+                let x = apart * Vector([f64::from(i), f64::from(j)]);
+                filling += Kernel::<2>::w(WendlandC2, x.norm(), h);
+                if (i, j) != (0, 0) {
+                    slope += Kernel::<2>::dw_over_r(WendlandC2, x.norm(), h) * x;
+                }
+            }
+            lattice.is_foam(filling / lattice.sum_w, slope.norm())
+        };
+        let surfaces: [fn(i32, i32) -> bool; 5] =
+            [|_, _| true, |_, j| j <= 0, |_, j| j <= 1, |i, j| i <= 0 && j <= 0, |_, j| (-1..=0).contains(&j)];
+        assert_eq!(surfaces.map(|inside| foam(1.0, inside)), [false; 5]);
+        let fragments: [fn(i32, i32) -> bool; 3] = [|i, j| (i, j) == (0, 0), |_, j| j == 0, |i, j| j == 0 && (0..=1).contains(&i)];
+        assert_eq!(fragments.map(|inside| foam(1.0, inside)), [true; 3]);
+        assert_eq!([1.1, 1.3].map(|apart| foam(apart, |_, _| true)), [false, true]);
     }
 
     #[test]

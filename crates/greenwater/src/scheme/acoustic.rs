@@ -185,6 +185,10 @@ enum Place {
     Near,
     /// Fluid on the free surface.
     Surface,
+    /// Fluid that lacks more neighbours than a surface explains, in drops, threads and foam.
+    Foam,
+    /// The same, where a neighbour is or comes closer than a spacing within the step.
+    Clash,
     /// A wall with fluid in reach.
     Wet,
     /// A wall without, or nobody.
@@ -224,14 +228,14 @@ impl<const D: usize> Shift<D> {
 }
 
 /// What is found about a particle once a step, in single precision, which is plenty. Of fluid: the symmetric part of the gradient of velocity, on the
-/// diagonal and right of it, and the surface weight below. Of walls: the normal, in the first row.
+/// diagonal and right of it, and the surface weight below, zero in foam and −1 where foam clashes. Of walls: the normal, in the first row.
 #[derive(Clone, Copy, Debug)]
 struct Finding<const D: usize>([[f32; D]; D]);
 
 impl<const D: usize> Finding<D> {
     const NOTHING: Self = Self([[0.0; D]; D]);
 
-    /// Of fluid around which velocities change as `gradient`, 1/s, and whose pressure counts for `weight` in forces.
+    /// Of fluid around which velocities change as `gradient`, 1/s, and whose pressure counts for `weight` in forces, zero in foam and −1 where foam clashes.
     #[inline(always)]
     fn of_fluid(gradient: &Tensor<D>, weight: f64) -> Self {
         let mut found = std::array::from_fn(|i| std::array::from_fn(|j| (0.5 * (gradient[i][j] + gradient[j][i])) as f32));
@@ -263,6 +267,13 @@ impl<const D: usize> Finding<D> {
     #[inline(always)]
     fn weight(&self) -> f64 {
         f64::from(self.0[1][0])
+    }
+
+    /// Where foam is, none for other fluid.
+    #[inline(always)]
+    fn foam(&self) -> Option<Place> {
+        let weight = self.0[1][0];
+        (weight <= 0.0).then_some(if weight == 0.0 { Place::Foam } else { Place::Clash })
     }
 
     #[inline(always)]
@@ -437,9 +448,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.found.resize(rows, Finding::NOTHING);
     }
 
-    /// Which particles belong to the free surface, its normal there, and how fluid stretches; leaves positions, normals and
-    /// densities in `end`, velocities in `middle`.
-    fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>) {
+    /// Which particles belong to the free surface or to foam in the step `dt` (s) that begins, the surface's normal, and how fluid stretches; leaves
+    /// positions, normals and densities in `end`, velocities in `middle`.
+    fn surface(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (x, v, mass, kind, owned) = (&p.x, &p.v, &p.mass, &p.kind, p.owned());
         sweep(&mut self.middle[..p.x.len()], |a| record(x[a], v[a], 0.0, mass[a], kind[a] != Kind::Fluid));
         let (mut end, mut found) = (std::mem::take(&mut self.end), std::mem::take(&mut self.found));
@@ -447,7 +458,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             pairs: self.pairs(&self.middle),
             scale: self.volume_scale(),
             threshold: self.lattice.surface_threshold() * D as f64,
-            weights: if matches!(self.plan.flux, AnyFlux::Delta(_)) { Some(self.lattice) } else { None },
+            lattice: self.lattice,
+            weighs: matches!(self.plan.flux, AnyFlux::Delta(_)),
+            dt,
             gap: p.h_max() * self.lattice.slope_of_gap() / self.lattice.slope_of_linear::<D>(),
             kind: &p.kind,
             layer: &p.layer,
@@ -518,7 +531,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             *middle = match p.kind[a] {
                 Kind::Fluid => {
                     (bulk.pull, bulk.least, bulk.weight) = (pull, least as f32, weight as f32);
-                    bulk.density = dilated(p.density[a] + change, half * p.density_rate[a], place[a], state.rest);
+                    let density = relieved(p.density[a] + change, p.density_rate[a], place[a], state.rest);
+                    bulk.density = dilated(density, half * p.density_rate[a], place[a], state.rest);
                     let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
                     record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressing(&state) + damper, p.mass[a], false)
                 }
@@ -621,7 +635,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let (owned, spacing) = (p.owned(), self.medium.spacing);
         // Of fluid of the surface, and where walls pull, nobody has looked whether a wall is near.
         let beside_walls = |a: usize| {
-            let may_be = self.plan.suction == WallSuction::Full || self.place[a] == Place::Surface || self.bulk[a].least == 0.0;
+            let may_be = self.plan.suction == WallSuction::Full
+                || matches!(self.place[a], Place::Surface | Place::Foam | Place::Clash)
+                || self.bulk[a].least == 0.0;
             may_be && p.kind[a] == Kind::Fluid
         };
         let guarded = |a: usize| {
@@ -802,12 +818,21 @@ fn columns<'a, const D: usize>(
     (kind, x, v, density, pressure, acceleration, rate, middle, end).into_par_iter().enumerate()
 }
 
+/// What is left, at the end of a sound step, of a density that changes at `rate`: in foam that at rest, kg/m³ and kg/(m³ s). The air is everywhere within a
+/// spacing of a drop, and relieves it of pressure within `Δx/c0`, which is less than a sound step. Sums over pairs know nothing of that: drops that meet
+/// would store the energy of their approach in density, part as fast as they met, and be a gas; and foam that comes together would resist as if it
+/// were full. Closer than a spacing they stop each other, and are relieved once they have.
+#[inline(always)]
+fn relieved(density: f64, rate: f64, place: Place, rest: f64) -> f64 {
+    if place == Place::Foam || (place == Place::Clash && rate <= 0.0) { rest } else { density }
+}
+
 /// A density after a change. A free surface bears no tension: liquid there parts instead of stretching, so its density is never below
 /// that at rest.
 #[inline(always)]
 fn dilated(density: f64, change: f64, place: Place, rest: f64) -> f64 {
     let density = density + change;
-    if place == Place::Surface { density.max(rest) } else { density }
+    if matches!(place, Place::Surface | Place::Foam | Place::Clash) { density.max(rest) } else { density }
 }
 
 /// Mean density of a domain that is periodic along every axis and full of fluid, kg/m³. Neither its mass nor its volume changes, so that
@@ -873,7 +898,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         // (1) pairs, free surface, shift: once a step
         self.before.read(p, domain);
         phases.measure("search", || self.search(p, domain))?;
-        phases.measure("surface", || self.surface(p, domain));
+        phases.measure("surface", || self.surface(p, domain, dt));
         phases.measure("damping", || self.damp(p));
         phases.measure("shifting", || self.shift(p, domain, dt));
 
@@ -915,6 +940,8 @@ mod tests {
         let sheared = Finding::of_fluid(&[Vector([0.0, 2.0]), Vector([0.0, 0.0])], 1.0);
         assert!((sheared.strain_rate() - 2.0_f64.sqrt()).abs() < 1e-15);
         assert_eq!(Finding::<3>::NOTHING.strain_rate(), 0.0);
+        let foam = [1.5, 0.0, -1.0].map(|weight| Finding::of_fluid(&[Vector::<2>::ZERO; 2], weight).foam());
+        assert_eq!(foam, [None, Some(Place::Foam), Some(Place::Clash)]);
         assert_eq!(Finding::of_wall(Vector::<3>::unit(2)).normal(), Vector::unit(2));
     }
 }

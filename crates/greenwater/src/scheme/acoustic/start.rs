@@ -52,11 +52,11 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         }
         self.bulk.clear();
         self.search(p, domain)?;
-        self.surface(p, domain);
+        self.surface(p, domain, 0.0);
         if self.plan.start == StartPressure::Released && self.medium.g() > 0.0 {
             self.release(p, domain)?;
             self.make_room(p);
-            self.surface(p, domain);
+            self.surface(p, domain, 0.0);
         }
         self.closed = closed_density(p, domain);
         self.damp(p);

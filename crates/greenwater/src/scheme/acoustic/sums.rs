@@ -1,6 +1,6 @@
 //! The sums over pairs of a step: what is done to each row of particles, and the terms, eight neighbours at a time.
 
-use super::{Between, Bulk, Finding, Flux, Place, Plan, Shift, Side, dilated};
+use super::{Between, Bulk, Finding, Flux, Place, Plan, Shift, Side, dilated, relieved};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes, Real, Record, Rows};
 use crate::math::Vector;
@@ -22,8 +22,8 @@ use crate::walls::dummy::WallSuction;
 ///
 /// Writes positions, normals out of the fluid (zero off the surface) and densities; and how the fluid stretches: the symmetric part of the
 /// renormalised gradient of its velocity, over fluid alone, zero where neighbours are too few; and what its pressure counts for in forces, more than one
-/// where the first sum is below that of the second row of a flat surface. Of walls of the first line: the unit normal towards the fluid, `−Σ V ∇W` over
-/// walls; zero where walls surround the particle evenly.
+/// where the first sum is below that of the second row of a flat surface, or whether it is foam. Of walls of the first line: the unit normal towards
+/// the fluid, `−Σ V ∇W` over walls; zero where walls surround the particle evenly.
 pub(super) struct Looking<'a, K, const D: usize> {
     pub pairs: Pairs<'a, K, D>,
     /// `1/ρ0`, m³/kg.
@@ -31,8 +31,12 @@ pub(super) struct Looking<'a, K, const D: usize> {
     /// Least sum, and greatest `h |Σ V ∇W|`, off the surface.
     pub threshold: f64,
     pub gap: f64,
-    /// The lattice that tells what pressure counts for; none for methods where it counts for itself everywhere.
-    pub weights: Option<Lattice>,
+    /// What a surface makes missing, and what pressure counts for there.
+    pub lattice: Lattice,
+    /// Whether pressure counts for anything but itself.
+    pub weighs: bool,
+    /// The step of the flow that begins, s.
+    pub dt: f64,
     pub kind: &'a [Kind],
     pub layer: &'a [u8],
     pub density: &'a [f64],
@@ -67,7 +71,19 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Finding<D>> for Looking<'_, K, D
             Some(correction) => tensor(-scale, found.change).map(|row| contract(&correction, row)),
             None => [Vector::ZERO; D],
         };
-        *finding = Finding::of_fluid(&gradient, self.weights.map_or(1.0, |lattice| lattice.surface_weight(filled / D as f64)));
+        let of_itself = own.mass::<D>() / self.lattice.rest_density * self.pairs.kernel.w(0.0, self.h[a]);
+        let filling = of_itself + around.reach.w_scale() / self.lattice.rest_density * found.filling.total();
+        let slope = self.lattice.slope_of_linear::<D>() * concentration.norm();
+        let weight = match () {
+            () if self.lattice.is_foam(filling / self.lattice.sum_w, slope) => {
+                let coming = Coming::<L, D> { v: splat(own.v()), dt: L::splat(self.dt) };
+                let closest = self.pairs.near.sum(a, self.pairs.records, &coming).to_array().into_iter().fold(f64::INFINITY, f64::min);
+                if closest < self.lattice.spacing * self.lattice.spacing { -1.0 } else { 0.0 }
+            }
+            () if self.weighs => self.lattice.surface_weight(filled / D as f64),
+            () => 1.0,
+        };
+        *finding = Finding::of_fluid(&gradient, weight);
         let length = concentration.norm();
         // A normal of zero marks a particle off the surface; a particle without neighbours has no direction, any will do.
         let normal = match () {
@@ -99,8 +115,35 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Walls<'_, K, L> {
     }
 }
 
+/// Square of the least distance of any neighbour within the time `dt` from now, s, if none is turned aside, m².
+struct Coming<L, const D: usize> {
+    v: [L; D],
+    dt: L,
+}
+
+impl<L: Lanes, const D: usize> Term<L, D> for Coming<L, D> {
+    type Totals = L;
+
+    #[inline(always)]
+    fn nothing(&self) -> L {
+        L::splat(f64::INFINITY)
+    }
+
+    #[inline(always)]
+    fn add(&self, octet: &Octet<'_, L, D>, closest: &mut L) {
+        let b = Seen::<L, D>::of(&octet.fields);
+        let (x, v) = (&octet.x_ab, difference(&self.v, &b.v));
+        let nearing = L::splat(0.0) - dot(&v, x);
+        let time = (nearing / dot(&v, &v).at_least(L::splat(f64::MIN_POSITIVE))).at_least(L::splat(0.0)).at_most(self.dt);
+        let then: [L; D] = std::array::from_fn(|d| v[d].times_plus(time, x[d]));
+        *closest = closest.at_most(dot(&then, &then));
+    }
+}
+
 /// What surrounds a particle, on the scale of the particle.
 struct Surroundings<L, const D: usize> {
+    /// `Σ m W` without the particle itself.
+    filling: L,
     /// `Σ m ∇W`.
     concentration: [L; D],
     /// `Σ m x_ab·∇W`.
@@ -122,13 +165,14 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
     #[inline(always)]
     fn nothing(&self) -> Surroundings<L, D> {
         let nothing = [L::splat(0.0); D];
-        Surroundings { concentration: nothing, filled: L::splat(0.0), change: [nothing; D], moments: [nothing; D] }
+        Surroundings { filling: L::splat(0.0), concentration: nothing, filled: L::splat(0.0), change: [nothing; D], moments: [nothing; D] }
     }
 
     #[inline(always)]
     fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Surroundings<L, D>) {
         let b = Seen::<L, D>::of(&octet.fields);
         let dw = b.mass * self.reach.slope(octet);
+        totals.filling = b.mass.times_plus(self.reach.w(octet), totals.filling);
         add_scaled(&mut totals.concentration, dw, &octet.x_ab);
         totals.filled = dw.times_plus(octet.square, totals.filled);
         let (fluid, v_ab) = (L::choose(b.wall, L::splat(0.0), dw), difference(&self.v, &b.v));
@@ -168,7 +212,7 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
         let own = self.pairs.records[a];
         let (shift, found) = match self.kind[a] {
             Kind::Wall | Kind::Lost => (Shift::NONE, Place::Dry),
-            Kind::Fluid if own.v::<D>() != Vector::ZERO => (Shift { weight: self.looked[a].weight(), ..Shift::<D>::NONE }, Place::Surface),
+            Kind::Fluid if let Some(foam) = self.looked[a].foam() => (Shift::NONE, foam),
             Kind::Fluid => {
                 let reach = self.pairs.reach::<L>(self.h[a]);
                 let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
@@ -176,7 +220,13 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
                 let push = push_of_close_pairs(self.plan.state.pressure(own.value::<D>()), self.plan.state.rest * speed * speed);
                 let term = Crowd { reach, per_whole: reach.w_scale() / whole, push: L::splat(push), density: L::splat(own.value::<D>()) };
                 let found = self.pairs.near.sum(a, self.pairs.records, &term);
-                self.shifted(a, &own, [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale], found)
+                self.shifted(
+                    a,
+                    &own,
+                    own.v::<D>() != Vector::ZERO,
+                    [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale],
+                    found,
+                )
             }
         };
         (*out, *place) = (shift.to_record(), found);
@@ -192,7 +242,7 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
 
     /// `scales`: of `V W` and of `V ∇W` over those of the sums.
     #[inline(always)]
-    fn shifted<L: Lanes>(&self, a: usize, own: &Record, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
+    fn shifted<L: Lanes>(&self, a: usize, own: &Record, on_surface: bool, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
         let Plan { shifting, volume_control, state, suction, .. } = *self.plan;
         let parts = suction == WallSuction::None && found.at_wall.total() > 0.0;
         let least = if parts { 0.0 } else { f64::NEG_INFINITY };
@@ -203,14 +253,18 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
         let concentration = scales[1] * totals(found.concentration);
         let by = shift(concentration, h, shifting * self.speed(a), self.dt, self.lattice.stiffness, normal);
         let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
+        let place = if on_surface { Place::Surface } else { place };
         let (missing, weight) = match place {
-            Place::Near => {
+            Place::Near | Place::Surface => {
                 let slope = self.lattice.slope_of_linear::<D>() * scales[1] * totals(found.slope);
                 (self.lattice.missing(slope.norm()), self.looked[a].weight())
             }
             _ => (0.0, 1.0),
         };
         let pull = state.rest * volume_pull(own + scales[0] * found.filling.total() + missing, h, self.fastest, volume_control);
+        if on_surface {
+            return (Shift { weight, pull, ..Shift::NONE }, place);
+        }
         let correction = renormalisation(&tensor(-scales[1], found.moments)).unwrap_or([Vector::ZERO; D]);
         let change = contract(&correction, scales[1] * totals(found.gradient)).dot(by);
         (Shift { by, change, pull, least, weight }, place)
@@ -576,7 +630,8 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Bulk> for Dilation<'
         let [compression, spread] = if F::LINEAR { self.linear_rate(a, bulk.density) } else { self.rate::<L>(a, &now, bulk.density) };
         bulk.compression = f64::from(bulk.weight) * compression;
         bulk.rate = bulk.pull + bulk.compression + spread;
-        bulk.density = dilated(bulk.density, half * bulk.rate, self.place[a], self.state.rest);
+        let density = dilated(bulk.density, half * bulk.rate, self.place[a], self.state.rest);
+        bulk.density = relieved(density, bulk.rate, self.place[a], self.state.rest);
         bulk.density = dilated(bulk.density, lead * bulk.rate, self.place[a], self.state.rest);
         let pressure = match self.place[a] {
             _ if self.last => bulk.pressure(&self.state),
