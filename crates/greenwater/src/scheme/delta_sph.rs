@@ -185,7 +185,7 @@ impl Settings for DeltaSphSettings {
             (
                 "free surface",
                 format!(
-                    "sum over neighbours below its value half-way between two rows of the lattice, whose pressure counts for what holds it{shifting}"
+                    "sum over neighbours below its value half-way between two rows of the lattice, whose pressure counts for what holds it; drops and foam keep none{shifting}"
                 ),
             ),
             ("linear system", "none".to_owned()),

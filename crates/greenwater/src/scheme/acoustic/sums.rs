@@ -213,6 +213,7 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
         let (shift, found) = match self.kind[a] {
             Kind::Wall | Kind::Lost => (Shift::NONE, Place::Dry),
             Kind::Fluid if let Some(foam) = self.looked[a].foam() => (Shift::NONE, foam),
+            Kind::Fluid if own.v::<D>() != Vector::ZERO => (Shift { weight: self.looked[a].weight(), ..Shift::<D>::NONE }, Place::Surface),
             Kind::Fluid => {
                 let reach = self.pairs.reach::<L>(self.h[a]);
                 let whole = self.pairs.kernel.w(self.spacing, self.h[a]);
@@ -220,13 +221,7 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Place> for Shifting<'_, K, D> {
                 let push = push_of_close_pairs(self.plan.state.pressure(own.value::<D>()), self.plan.state.rest * speed * speed);
                 let term = Crowd { reach, per_whole: reach.w_scale() / whole, push: L::splat(push), density: L::splat(own.value::<D>()) };
                 let found = self.pairs.near.sum(a, self.pairs.records, &term);
-                self.shifted(
-                    a,
-                    &own,
-                    own.v::<D>() != Vector::ZERO,
-                    [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale],
-                    found,
-                )
+                self.shifted(a, &own, [reach.w_scale() / self.plan.state.rest, reach.slope_scale() * self.scale], found)
             }
         };
         (*out, *place) = (shift.to_record(), found);
@@ -242,7 +237,7 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
 
     /// `scales`: of `V W` and of `V ∇W` over those of the sums.
     #[inline(always)]
-    fn shifted<L: Lanes>(&self, a: usize, own: &Record, on_surface: bool, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
+    fn shifted<L: Lanes>(&self, a: usize, own: &Record, scales: [f64; 2], found: Crowding<L, D>) -> (Shift<D>, Place) {
         let Plan { shifting, volume_control, state, suction, .. } = *self.plan;
         let parts = suction == WallSuction::None && found.at_wall.total() > 0.0;
         let least = if parts { 0.0 } else { f64::NEG_INFINITY };
@@ -253,18 +248,14 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
         let concentration = scales[1] * totals(found.concentration);
         let by = shift(concentration, h, shifting * self.speed(a), self.dt, self.lattice.stiffness, normal);
         let own = own.mass::<D>() / state.rest * self.pairs.kernel.w(0.0, h);
-        let place = if on_surface { Place::Surface } else { place };
         let (missing, weight) = match place {
-            Place::Near | Place::Surface => {
+            Place::Near => {
                 let slope = self.lattice.slope_of_linear::<D>() * scales[1] * totals(found.slope);
                 (self.lattice.missing(slope.norm()), self.looked[a].weight())
             }
             _ => (0.0, 1.0),
         };
         let pull = state.rest * volume_pull(own + scales[0] * found.filling.total() + missing, h, self.fastest, volume_control);
-        if on_surface {
-            return (Shift { weight, pull, ..Shift::NONE }, place);
-        }
         let correction = renormalisation(&tensor(-scales[1], found.moments)).unwrap_or([Vector::ZERO; D]);
         let change = contract(&correction, scales[1] * totals(found.gradient)).dot(by);
         (Shift { by, change, pull, least, weight }, place)
