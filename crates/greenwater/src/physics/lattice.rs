@@ -251,7 +251,7 @@ mod tests {
         }
     }
 
-    /// Rows of films, corners and loose lattices, summed here; of walls that hold a film a half is full.
+    /// Rows of surfaces and films, corners and loose lattices, summed here.
     #[test]
     fn foam_is_told_from_surfaces() {
         let h = 2.0;
