@@ -64,13 +64,14 @@ impl HowArgs {
     }
 }
 
-/// Starts as many threads as asked for.
+/// Starts as many threads as asked for, or one for each core; this one is the first of them. A loop over particles then begins where it is called: handed to
+/// threads apart, it would wait for one of them to wake, dozens of times a step.
 pub fn start_threads(threads: Option<usize>) -> Result<(), CliError> {
-    let Some(given) = threads else { return Ok(()) };
+    let given = threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     if !(1..=1024).contains(&given) {
         return Err(CliError::Threads { given });
     }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(given).build_global();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(given).use_current_thread().build_global();
     pool.map_err(|error| CliError::ThreadPool { given, reason: error.to_string() })
 }
 

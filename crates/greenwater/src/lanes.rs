@@ -9,6 +9,10 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::sweep::blocks2;
 
+pub(crate) mod singles;
+
+use singles::{Singles, WIDE};
+
 /// Numbers in a vector.
 pub(crate) const LANES: usize = 8;
 
@@ -123,12 +127,16 @@ impl Record {
     }
 }
 
-/// Lists of rows, eights behind eights.
+/// Lists of rows, eights behind eights. They are written in place, and what is behind the last one is anything.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Octets {
-    rows: Vec<u32>,
-    /// Above every row.
-    bound: usize,
+    room: Vec<u32>,
+    /// Rows written.
+    length: usize,
+    /// The most room that was asked for since the beginning.
+    asked: usize,
+    /// Above every row; none while rows are written.
+    bound: Option<usize>,
 }
 
 /// Eight rows of records that are there.
@@ -140,20 +148,74 @@ pub(crate) struct Eight<'a> {
 }
 
 impl Octets {
-    /// Replaces all rows.
-    pub fn replace(&mut self, rows: &[u32]) {
-        self.rows.clear();
-        if self.rows.capacity() < rows.len() {
-            self.rows.reserve_exact(rows.len() + rows.len() / 32);
+    /// Begins anew, with room for `likely` rows.
+    pub fn begin(&mut self, likely: usize) {
+        (self.length, self.asked, self.bound) = (0, 0, None);
+        self.grow(likely);
+    }
+
+    fn grow(&mut self, least: usize) {
+        if self.room.len() < least {
+            self.room.reserve_exact(least - self.room.len());
+            self.room.resize(least, 0);
         }
-        self.rows.extend_from_slice(rows);
-        self.bound = rows.iter().fold(0, |last, &row| last.max(row)) as usize + 1;
+    }
+
+    /// Room behind the last row, for `more` at least.
+    #[inline(always)]
+    pub fn behind(&mut self, more: usize) -> &mut [u32] {
+        self.asked = self.asked.max(self.length + more);
+        if self.room.len() < self.asked {
+            self.grow(self.asked + self.asked / 16);
+        }
+        &mut self.room[self.length..]
+    }
+
+    /// Takes `more` rows over that were written behind the last one.
+    #[inline(always)]
+    pub fn take(&mut self, more: usize) {
+        self.length += more;
+    }
+
+    /// Appends a row.
+    pub fn push(&mut self, row: u32) {
+        self.behind(1)[0] = row;
+        self.take(1);
+    }
+
+    /// Fills the last eight up with `row`.
+    #[inline(always)]
+    pub fn fill_up(&mut self, row: u32) {
+        let missing = self.length.next_multiple_of(LANES) - self.length;
+        self.behind(LANES)[..missing].fill(row);
+        self.take(missing);
+    }
+
+    /// All rows are written. Gives back most of the room that was not asked for.
+    #[inline(always)]
+    pub fn end(&mut self) {
+        if self.room.len() > self.asked + self.asked / 16 {
+            self.room.truncate(self.asked + self.asked / 64);
+            self.room.shrink_to_fit();
+        }
+        self.bound = Some(self.rows().iter().fold(0, |last, &row| last.max(row)) as usize + 1);
+    }
+
+    /// The most room that was asked for since the beginning, in rows.
+    pub fn asked(&self) -> usize {
+        self.asked
+    }
+
+    /// How many rows are written.
+    #[inline(always)]
+    pub fn len(&self) -> usize {
+        self.length
     }
 
     /// All rows.
     #[inline(always)]
     pub fn rows(&self) -> &[u32] {
-        &self.rows
+        &self.room[..self.length]
     }
 
     /// The eights of a range of rows, whole ones only, of `records`.
@@ -162,13 +224,14 @@ impl Octets {
     /// A row, of this range or not, is beyond the records.
     #[inline(always)]
     pub fn of<'a>(&'a self, range: std::ops::Range<usize>, records: &'a [Record]) -> impl Iterator<Item = Eight<'a>> {
-        assert!(self.bound <= records.len(), "rows up to {} of {} records", self.bound, records.len());
-        self.rows[range].as_chunks().0.iter().map(move |rows| Eight { rows, records })
+        let bound = self.bound.expect("lists are written to their end");
+        assert!(bound <= records.len(), "rows up to {bound} of {} records", records.len());
+        self.rows()[range].as_chunks().0.iter().map(move |rows| Eight { rows, records })
     }
 
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
-        4 * self.rows.capacity()
+        4 * self.room.capacity()
     }
 }
 
@@ -182,6 +245,9 @@ impl<'a> Eight<'a> {
 
 /// A vector of [`LANES`] numbers.
 pub(crate) trait Lanes: Real {
+    /// What the same instructions make of single precision.
+    type Singles: Singles;
+
     /// The numbers in order.
     fn from_array(x: [f64; LANES]) -> Self;
 
@@ -193,10 +259,6 @@ pub(crate) trait Lanes: Real {
 
     /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))`.
     fn total(self) -> f64;
-
-    /// Writes those of the first `count` of eight rows that the mask does not say to the start of `to`, in order, and answers how many they
-    /// are; what is behind them is anything.
-    fn without(mask: Self::Mask, rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize;
 
     /// The entries of a column at eight `rows`.
     ///
@@ -329,6 +391,8 @@ impl Real for Portable {
 }
 
 impl Lanes for Portable {
+    type Singles = [f32; WIDE];
+
     #[inline(always)]
     fn from_array(x: [f64; LANES]) -> Self {
         Self(x)
@@ -343,17 +407,6 @@ impl Lanes for Portable {
     fn gather(eight: Eight<'_>) -> [Self; LANES] {
         let of = eight.rows.map(|row| &eight.records[row as usize].0);
         std::array::from_fn(|field| Self(of.map(|record| record[field])))
-    }
-
-    #[inline(always)]
-    fn without(mask: [bool; LANES], rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize {
-        // Each row is written, and the next one over it unless it stays: no branch that nobody can foresee.
-        let mut kept = 0;
-        for lane in 0..count.min(LANES) {
-            to[kept] = rows[lane];
-            kept += usize::from(!mask[lane]);
-        }
-        kept
     }
 
     #[inline(always)]
@@ -372,6 +425,7 @@ mod x86 {
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
+    use super::singles::x86::{Wide256, Wide512};
     use super::{Eight, LANES, Lanes, Real, Record};
 
     /// One register of AVX-512.
@@ -452,6 +506,8 @@ mod x86 {
     }
 
     impl Lanes for Avx512 {
+        type Singles = Wide512;
+
         #[inline(always)]
         fn from_array(x: [f64; LANES]) -> Self {
             Self(unsafe { _mm512_loadu_pd(x.as_ptr()) })
@@ -472,16 +528,6 @@ mod x86 {
                 let [e, f, g, h] = four_fields::<4>(records, rows);
                 [a, b, c, d, e, f, g, h]
             }
-        }
-
-        #[inline(always)]
-        fn without(mask: __mmask8, rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize {
-            let stays = !mask & ((1_u32 << count.min(LANES)) - 1) as __mmask8;
-            unsafe {
-                let kept = _mm256_maskz_compress_epi32(stays, _mm256_loadu_si256(rows.as_ptr().cast()));
-                _mm256_storeu_si256(to.as_mut_ptr().cast(), kept);
-            }
-            stays.count_ones() as usize
         }
 
         #[inline(always)]
@@ -629,6 +675,8 @@ mod x86 {
     }
 
     impl Lanes for Avx2 {
+        type Singles = Wide256;
+
         #[inline(always)]
         fn from_array(x: [f64; LANES]) -> Self {
             unsafe { Self(_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x.as_ptr().add(4))) }
@@ -660,17 +708,6 @@ mod x86 {
                     Self(c[3], d[3]),
                 ]
             }
-        }
-
-        #[inline(always)]
-        fn without(mask: Self::Mask, rows: &[u32; LANES], count: usize, to: &mut [u32; LANES]) -> usize {
-            let goes = unsafe { _mm256_movemask_pd(mask.0) | (_mm256_movemask_pd(mask.1) << 4) };
-            let mut kept = 0;
-            for lane in 0..count.min(LANES) {
-                to[kept] = rows[lane];
-                kept += usize::from((goes >> lane) & 1 == 0);
-            }
-            kept
         }
 
         #[inline(always)]
@@ -712,7 +749,13 @@ impl InstructionSet {
                     && is_x86_feature_detected!("avx512dq")
                     && is_x86_feature_detected!("avx512vl")
             }
-            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("fma")
+                    && is_x86_feature_detected!("popcnt")
+                    && is_x86_feature_detected!("bmi1")
+                    && is_x86_feature_detected!("bmi2")
+            }
             Self::Portable => true,
         }
     }
@@ -753,13 +796,13 @@ pub(crate) fn dispatch<J: Job>(set: InstructionSet, job: J) {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma,popcnt,bmi1,bmi2")]
 fn on_avx512<J: Job>(job: J) {
     job.run::<x86::Avx512>();
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
+#[target_feature(enable = "avx2,fma,popcnt,bmi1,bmi2")]
 fn on_avx2<J: Job>(job: J) {
     job.run::<x86::Avx2>();
 }
@@ -811,6 +854,31 @@ mod tests {
         assert_eq!(records[1].0[1], 7.0);
     }
 
+    fn listed(rows: &[u32]) -> Octets {
+        let mut octets = Octets::default();
+        octets.begin(0);
+        rows.iter().for_each(|&row| octets.push(row));
+        octets.end();
+        octets
+    }
+
+    #[test]
+    fn lists_are_begun_anew_in_the_room_they_had() {
+        let mut octets = listed(&[5; 400]);
+        let bytes = octets.bytes();
+        assert!((1600..=1700).contains(&bytes), "{bytes} bytes for 400 rows");
+        octets.begin(0);
+        octets.push(2);
+        octets.fill_up(3);
+        octets.behind(16)[..2].copy_from_slice(&[1, 7]);
+        octets.take(1);
+        octets.end();
+        assert_eq!(octets.rows(), [2, 3, 3, 3, 3, 3, 3, 3, 1]);
+        assert!(octets.bytes() < 200, "{} bytes for 9 rows", octets.bytes());
+        // Of what was behind the last row nothing is known: 7 is beyond the records.
+        assert_eq!(octets.of(0..LANES, &[Record::default(); 4]).count(), 1);
+    }
+
     /// Every operation on lanes that hold values of all kinds, against the same on plain numbers.
     struct Everything<'a> {
         records: &'a [Record],
@@ -820,8 +888,7 @@ mod tests {
     impl Job for Everything<'_> {
         fn run<L: Lanes>(self) {
             let rows = [3, 0, 2, 1, 3, 3, 0, 2];
-            let mut octets = Octets::default();
-            octets.replace(&rows);
+            let octets = listed(&rows);
             let fields = L::gather(octets.of(0..LANES, self.records).next().unwrap());
             for field in fields {
                 self.out.extend(field.to_array());
@@ -845,11 +912,6 @@ mod tests {
             ] {
                 self.out.extend(value.to_array());
                 self.out.push(value.total());
-            }
-            let mut kept = [0; LANES];
-            for some in [LANES, 5, 0] {
-                let count = L::without(mask, &rows, some, &mut kept);
-                self.out.extend(kept[..count].iter().map(|&row| f64::from(row)));
             }
             self.out.extend(L::choose(mask, a, b).to_array());
             self.out.extend(a.each(|x| x.abs() + 1.0).to_array());
@@ -878,22 +940,16 @@ mod tests {
     #[test]
     fn lanes_hold_the_records_in_order_and_add_up_by_halves() {
         let records: Vec<Record> = (0..9).map(|row| Record(std::array::from_fn(|field| f64::from(10 * row) + field as f64))).collect();
-        let mut octets = Octets::default();
-        octets.replace(&[8, 1, 2, 3, 4, 5, 6, 7]);
+        let octets = listed(&[8, 1, 2, 3, 4, 5, 6, 7]);
         let fields = Portable::gather(octets.of(0..LANES, &records).next().unwrap());
         assert_eq!(fields[2].0, [82.0, 12.0, 22.0, 32.0, 42.0, 52.0, 62.0, 72.0]);
-        let mut kept = [0; LANES];
-        let even = std::array::from_fn(|lane| lane % 2 == 0);
-        assert_eq!(Portable::without(even, &[8, 1, 2, 3, 4, 5, 6, 7], 7, &mut kept), 3);
-        assert_eq!(kept[..3], [1, 3, 5]);
         assert_eq!(Portable([1e16, 1.0, 1.0, 1.0, -1e16, 0.0, 0.0, 0.0]).total(), 3.0);
     }
 
     #[test]
     #[should_panic(expected = "rows up to 5 of 4 records")]
     fn rows_beyond_the_records_are_refused() {
-        let mut octets = Octets::default();
-        octets.replace(&[0, 0, 0, 0, 0, 0, 4, 0]);
+        let octets = listed(&[0, 0, 0, 0, 0, 0, 4, 0]);
         let _ = octets.of(0..LANES, &[Record::default(); 4]);
     }
 }

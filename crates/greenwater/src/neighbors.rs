@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::lanes::singles::{Singles, WIDE};
 use crate::lanes::{Eight, InstructionSet, Job, LANES, Lanes, Octets, Record, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
@@ -198,14 +199,17 @@ impl<const D: usize> Neighbors<D> {
         let mut grid = std::mem::take(&mut self.grid);
         match search {
             Search::Direct => grid.starts.clear(),
-            Search::Grid => grid.sort(p, support * p.h_max(), behind, room),
+            Search::Grid => grid.sort(p, support * p.h_max(), room),
         }
         let (set, nobody) = (InstructionSet::of_this_machine(), self.nobody);
-        let sorted = (search == Search::Grid).then(|| Sorted { grid: &grid, columns: Record::flat(room), length: p.len() + LANES });
-        // Lists grow in a place of the thread's own, so that what is kept has little more room than it needs.
-        self.segments.par_iter_mut().enumerate().with_max_len(4).for_each_init(Vec::new, |list, (block, segment)| {
-            dispatch(set, Listing { p, sorted, support, behind, nobody, first: block * BLOCK, list, segment });
-        });
+        let sorted =
+            (search == Search::Grid).then(|| Sorted { grid: &grid, columns: Record::flat(room), length: p.len(), alike: is_alike(p) });
+        self.segments.par_iter_mut().enumerate().with_max_len(4).for_each_init(
+            Candidates::default,
+            |candidates, (block, segment)| {
+                dispatch(set, Listing { p, sorted, support, behind, nobody, first: block * BLOCK, candidates, segment });
+            },
+        );
         self.grid = grid;
         Ok(())
     }
@@ -411,40 +415,55 @@ struct Listing<'a, const D: usize> {
     behind: BehindWalls,
     nobody: u32,
     first: usize,
-    list: &'a mut Vec<u32>,
+    candidates: &'a mut Candidates<D>,
     segment: &'a mut Segment,
 }
 
 impl<const D: usize> Job for Listing<'_, D> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { p, sorted, support, behind, nobody, first, list, segment } = self;
-        segment.ends.clear();
-        list.clear();
+        let Self { p, sorted, support, behind, nobody, first, candidates, segment } = self;
+        let Segment { ends, list } = segment;
+        ends.clear();
+        // Blocks of rows have about as many neighbours as those before them.
+        list.begin(candidates.likely);
         for a in first..p.owned().min(first + BLOCK) {
-            list.resize(list.len().next_multiple_of(LANES), nobody);
+            list.fill_up(nobody);
             let fluid_alone = behind == BehindWalls::Fluid && p.kind[a] == Kind::Wall && p.layer[a] > 1;
             match sorted {
                 _ if p.kind[a] == Kind::Lost => {}
                 None => all_near(p, support, a, fluid_alone, list),
-                Some(sorted) => sorted.near::<L>(a, p.x[a], p.h[a], support, fluid_alone, list),
+                Some(sorted) => {
+                    candidates.gather(&sorted, p, a, fluid_alone);
+                    candidates.near::<L::Singles>(p, a, support, list);
+                }
             }
-            segment.ends.push(list.len() as u32);
+            ends.push(list.len() as u32);
         }
-        list.resize(list.len().next_multiple_of(LANES), nobody);
-        segment.list.replace(list);
+        list.fill_up(nobody);
+        list.end();
+        candidates.likely = list.asked();
     }
 }
 
+/// Whether two particles see each other, to the last digit.
+fn sees<const D: usize>(p: &Particles<D>, a: usize, b: usize, support: f64) -> bool {
+    let reach = support * (0.5 * (p.h[a] + p.h[b]));
+    (p.x[a] - p.x[b]).norm_squared() <= reach * reach
+}
+
 /// Appends the neighbours of `a`, found by looking at every particle.
-fn all_near<const D: usize>(p: &Particles<D>, support: f64, a: usize, fluid_alone: bool, list: &mut Vec<u32>) {
-    let (x_a, h_a) = (p.x[a], p.h[a]);
+fn all_near<const D: usize>(p: &Particles<D>, support: f64, a: usize, fluid_alone: bool, list: &mut Octets) {
     for b in 0..p.len() {
-        let reach = support * (0.5 * (h_a + p.h[b]));
-        if (x_a - p.x[b]).norm_squared() <= reach * reach && b != a && p.kind[b] != Kind::Lost && (p.is_fluid(b) || !fluid_alone) {
+        if sees(p, a, b, support) && b != a && p.kind[b] != Kind::Lost && (p.is_fluid(b) || !fluid_alone) {
             list.push(b as u32);
         }
     }
+}
+
+/// Whether all smoothing lengths are equal.
+fn is_alike<const D: usize>(p: &Particles<D>) -> bool {
+    p.h.iter().all(|&h| h == p.h[0])
 }
 
 /// Particles sorted into cubes, the last axis fastest, so that the cells of a row are one run of memory. Cases number particles
@@ -457,19 +476,20 @@ struct Grid<const D: usize> {
     /// First entry of each cell in `entries`; one more at the end.
     starts: Vec<u32>,
     cell_of: Vec<u32>,
-    /// Particles in the order of their cells; longer by [`LANES`], so that eight can be read from every place.
+    /// Particles in the order of their cells.
     rows: Vec<u32>,
 }
 
 /// Particles in the order of the cells of a grid.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Sorted<'a, const D: usize> {
     grid: &'a Grid<D>,
-    /// A column for each axis, one of smoothing lengths, and where lists of [`BehindWalls::Fluid`] are made one of those of fluid, with
-    /// [`OUT_OF_REACH`] for others; m.
+    /// A column for each axis, and where they differ one of smoothing lengths, m.
     columns: &'a [f64],
-    /// Of a column: longer by [`LANES`] than there are particles, so that eight can be read from every place.
+    /// Of a column.
     length: usize,
+    /// Whether all smoothing lengths are equal.
+    alike: bool,
 }
 
 impl<const D: usize> Default for Grid<D> {
@@ -478,15 +498,12 @@ impl<const D: usize> Default for Grid<D> {
     }
 }
 
-/// The smoothing length, m, of those that nobody finds: less than the negative of any.
-const OUT_OF_REACH: f64 = -1e30;
-
 /// Cells allowed for each particle; a sparse cloud gets larger cells instead of more memory.
 const CELLS_PER_PARTICLE: usize = 4;
 
 impl<const D: usize> Grid<D> {
     /// Counting sort of all particles into cells of edge `reach`, m, or larger; the columns of [`Sorted`] stand in `room`.
-    fn sort(&mut self, p: &Particles<D>, reach: f64, behind: BehindWalls, room: &mut Vec<Record>) {
+    fn sort(&mut self, p: &Particles<D>, reach: f64, room: &mut Vec<Record>) {
         let (min, max) = bounds(&p.x);
         self.min = min;
         // A hair wider than the reach: two particles exactly that far apart stay in adjacent cells whatever the rounding.
@@ -518,25 +535,22 @@ impl<const D: usize> Grid<D> {
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
-        self.rows.resize(p.len() + LANES, 0);
+        self.rows.resize(p.len(), 0);
         for (row, &cell) in self.cell_of.iter().enumerate() {
             let slot = &mut self.starts[cell as usize + 1];
             self.rows[*slot as usize] = row as u32;
             *slot += 1;
         }
-        let rows = &self.rows[..p.len()];
-        let length = p.len() + LANES;
-        let columns = D + if behind == BehindWalls::Fluid { 2 } else { 1 };
-        let needed = (columns * length).div_ceil(LANES);
+        let (rows, columns) = (&self.rows, if is_alike(p) { D } else { D + 1 });
+        let needed = (columns * p.len()).div_ceil(LANES);
         if room.len() < needed {
             room.resize(needed, NOBODY);
         }
-        for (d, column) in Record::flat_mut(room).chunks_exact_mut(length).take(columns).enumerate() {
-            let column = &mut column[..p.len()];
-            match d {
-                d if d < D => sweep(column, |i| p.x[rows[i] as usize][d]),
-                d if d == D => sweep(column, |i| p.h[rows[i] as usize]),
-                _ => sweep(column, |i| if p.is_fluid(rows[i] as usize) { p.h[rows[i] as usize] } else { OUT_OF_REACH }),
+        for (d, column) in Record::flat_mut(room).chunks_exact_mut(p.len().max(1)).take(columns).enumerate() {
+            if d < D {
+                sweep(column, |i| p.x[rows[i] as usize][d]);
+            } else {
+                sweep(column, |i| p.h[rows[i] as usize]);
             }
         }
     }
@@ -584,50 +598,152 @@ impl<const D: usize> Grid<D> {
     }
 }
 
-impl<const D: usize> Sorted<'_, D> {
-    /// Appends the neighbours of particle `a`, which lies within the grid, eight candidates at a time.
+/// All who may be near the particles of a cell, around its middle and in single precision; columns of whole sixteens.
+#[derive(Debug)]
+struct Candidates<const D: usize> {
+    /// The cell, and whether they are fluid alone.
+    of: Option<(u32, bool)>,
+    /// The middle of the cell, m.
+    middle: Vector<D>,
+    /// Positions from there, m.
+    x: [Vec<f32>; D],
+    /// Smoothing lengths where they differ, m.
+    h: Vec<f32>,
+    rows: Vec<u32>,
+    /// How many they are; what stands behind them in the columns is anything.
+    count: usize,
+    /// Square distances are uncertain by so much, m².
+    slack: f32,
+    /// Room that the last list asked for.
+    likely: usize,
+}
+
+/// Uncertainty of square distances, over the square of the edge of a cell. Positions within 1.5 edges of the middle are rounded by 2⁻²⁴ of that at the
+/// most, and so are differences and squares: for two particles about an edge apart all of it together stays below 1.2e-6, smoothing lengths included.
+const SLACK: f64 = 4e-6;
+
+impl<const D: usize> Default for Candidates<D> {
+    fn default() -> Self {
+        let x = std::array::from_fn(|_| Vec::new());
+        Self { of: None, middle: Vector::ZERO, x, h: Vec::new(), rows: Vec::new(), count: 0, slack: 0.0, likely: 0 }
+    }
+}
+
+impl<const D: usize> Candidates<D> {
+    /// Those around particle `a`; they stay while the cell does.
     #[inline(always)]
-    fn near<L: Lanes>(&self, a: usize, x_a: Vector<D>, h_a: f64, support: f64, fluid_alone: bool, list: &mut Vec<u32>) {
-        let Self { grid, columns, length } = *self;
-        let lengths = if fluid_alone { D + 1 } else { D };
-        let (mut xs, hs) = ([columns; D], &columns[lengths * length..(lengths + 1) * length]);
-        for d in 0..D {
-            xs[d] = &columns[d * length..(d + 1) * length];
+    fn gather(&mut self, sorted: &Sorted<'_, D>, p: &Particles<D>, a: usize, fluid_alone: bool) {
+        let of = (sorted.grid.cell_of[a], fluid_alone);
+        if self.of != Some(of) {
+            self.of = Some(of);
+            self.gather_around(sorted, p, sorted.grid.cell(p.x[a]), fluid_alone);
         }
-        let home = grid.cell(x_a);
+    }
+
+    #[inline(always)]
+    fn gather_around(&mut self, sorted: &Sorted<'_, D>, p: &Particles<D>, home: [usize; D], fluid_alone: bool) {
+        let Sorted { grid, columns, length, alike } = *sorted;
+        let column = |d: usize| &columns[d * length..(d + 1) * length];
+        self.slack = (SLACK * grid.edge * grid.edge) as f32;
         let (mut first, mut last) = (home, home);
         for d in 0..D {
+            self.middle[d] = grid.min[d] + (home[d] as f64 + 0.5) * grid.edge;
             first[d] = home[d].saturating_sub(1);
             last[d] = (home[d] + 1).min(grid.cells[d] - 1);
         }
-        let start = list.len();
+        self.count = 0;
         let mut row = first;
         loop {
             let run = grid.run(row, last);
-            let mut found = list.len();
-            list.resize(found + run.len() + LANES, 0);
-            for i in run.clone().step_by(LANES) {
-                let reach = ((L::splat(h_a) + L::from_array(eight(hs, i))) * (0.5 * support)).at_least(L::splat(0.0));
-                let mut square = L::splat(0.0);
-                for d in 0..D {
-                    let away = L::splat(x_a[d]) - L::from_array(eight(xs[d], i));
-                    square = square + away * away;
+            let start = self.count;
+            self.make_room(start + run.len(), alike);
+            if fluid_alone {
+                for i in run.filter(|&i| p.is_fluid(grid.rows[i] as usize)) {
+                    self.rows[self.count] = grid.rows[i];
+                    for d in 0..D {
+                        self.x[d][self.count] = (column(d)[i] - self.middle[d]) as f32;
+                    }
+                    if !alike {
+                        self.h[self.count] = column(D)[i] as f32;
+                    }
+                    self.count += 1;
                 }
-                let mut near = [0; LANES];
-                let count = L::without((reach * reach).below(square), &eight(&grid.rows, i), run.end - i, &mut near);
-                list[found..found + LANES].copy_from_slice(&near);
-                found += count;
+            } else {
+                self.count += run.len();
+                self.rows[start..self.count].copy_from_slice(&grid.rows[run.clone()]);
+                for d in 0..D {
+                    narrowed(&column(d)[run.clone()], self.middle[d], &mut self.x[d][start..self.count]);
+                }
+                if !alike {
+                    narrowed(&column(D)[run], 0.0, &mut self.h[start..self.count]);
+                }
             }
-            list.truncate(found);
             if !next_run(&mut row, first, last) {
                 break;
             }
         }
-        // Nobody is its own neighbour.
-        if let Some(own) = list[start..].iter().position(|&b| b as usize == a) {
-            list.remove(start + own);
+    }
+
+    /// Room for so many, and what fills up the last sixteen.
+    #[inline(always)]
+    fn make_room(&mut self, count: usize, alike: bool) {
+        if self.rows.len() < count {
+            let room = count.next_multiple_of(4 * WIDE);
+            self.rows.resize(room, 0);
+            self.x.iter_mut().for_each(|x| x.resize(room, 0.0));
+            if !alike {
+                self.h.resize(room, 0.0);
+            }
         }
     }
+
+    /// Appends those near `a`, a particle of the cell, sixteen at a time. Where single precision cannot tell, double precision decides.
+    #[inline(always)]
+    fn near<S: Singles>(&self, p: &Particles<D>, a: usize, support: f64, list: &mut Octets) {
+        let x_a: [S; D] = std::array::from_fn(|d| S::splat((p.x[a][d] - self.middle[d]) as f32));
+        let (h_a, half, slack) = (S::splat(p.h[a] as f32), S::splat((0.5 * support) as f32), S::splat(self.slack));
+        let square_reach = |h: S| {
+            let reach = h_a.plus(h).times(half);
+            reach.times(reach)
+        };
+        let alike = square_reach(h_a);
+        let xs: [&[[f32; WIDE]]; D] = std::array::from_fn(|d| self.x[d].as_chunks().0);
+        let hs = self.h.as_chunks().0;
+        let room = list.behind(self.count + 2 * WIDE);
+        let mut found = 0;
+        for (i, rows) in self.rows.as_chunks().0[..self.count.div_ceil(WIDE)].iter().enumerate() {
+            let mut square = S::splat(0.0);
+            for d in 0..D {
+                let away = x_a[d].minus(S::from_array(&xs[d][i]));
+                square = away.times_plus(away, square);
+            }
+            let reach = if hs.is_empty() { alike } else { square_reach(S::from_array(&hs[i])) };
+            let mut near = !reach.plus(slack).below(square) & u16::MAX >> ((i + 1) * WIDE).saturating_sub(self.count);
+            let clear = square.below(reach.minus(slack));
+            if near & !clear != 0 {
+                near = looked_at_again(p, a, support, (near, clear), rows);
+            }
+            let to = room[found..].first_chunk_mut().expect("room for sixteen more than there are candidates");
+            // Nobody is its own neighbour.
+            found += S::keep(near, a as u32, rows, to);
+        }
+        list.take(found);
+    }
+}
+
+/// `to = from − middle`, in single precision.
+#[inline(always)]
+fn narrowed(from: &[f64], middle: f64, to: &mut [f32]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = (from - middle) as f32;
+    }
+}
+
+/// Which of the rows that may be near `a` are; of those that clearly are nobody asks.
+#[cold]
+fn looked_at_again<const D: usize>(p: &Particles<D>, a: usize, support: f64, (near, clear): (u16, u16), rows: &[u32; WIDE]) -> u16 {
+    let unclear = (0..WIDE).filter(|lane| (near & !clear) >> lane & 1 == 1);
+    unclear.filter(|&lane| !sees(p, a, rows[lane] as usize, support)).fold(near, |near, lane| near & !(1 << lane))
 }
 
 /// The next row of cells between `first` and `last`; none after the last one.
@@ -641,14 +757,6 @@ fn next_run<const D: usize>(row: &mut [usize; D], first: [usize; D], last: [usiz
         row[axis] = first[axis];
     }
     false
-}
-
-/// Eight entries of a column from `i` on.
-#[inline(always)]
-fn eight<T: Copy + Default>(column: &[T], i: usize) -> [T; LANES] {
-    let mut entries = [T::default(); LANES];
-    entries.copy_from_slice(&column[i..i + LANES]);
-    entries
 }
 
 /// Smallest box around finite points, m; the origin for none.
