@@ -835,6 +835,54 @@ pub(crate) fn sweep_lanes2<T: Send, U: Send, R: Rows<T, U>>(set: InstructionSet,
     blocks2(first, second, &|start, first, second| dispatch(set, Block { start, first, second, rows }));
 }
 
+/// What is done to each row in two goes: a sum over its pairs, and what comes of it. The next row's sum does not wait for that. Both must be
+/// `#[inline(always)]`, see [`Job`].
+pub(crate) trait RowsOfSums<T, U>: Sync {
+    /// What a sum adds up to.
+    type Sum: Copy;
+
+    /// That of rows without a sum.
+    const NOTHING: Self::Sum;
+
+    /// The sum of row `a`.
+    fn sum<L: Lanes>(&self, a: usize, first: &T, second: &U) -> Self::Sum;
+
+    /// Fills or changes row `a` of two columns.
+    fn row(&self, a: usize, sum: Self::Sum, first: &mut T, second: &mut U);
+}
+
+/// As [`sweep_lanes2`], for sums and what comes of them.
+pub(crate) fn sweep_sums<T: Send, U: Send, R: RowsOfSums<T, U>>(set: InstructionSet, first: &mut [T], second: &mut [U], rows: &R) {
+    /// Rows that are summed up before anything comes of the first of them: some more than are on their way through the processor at once.
+    const AHEAD: usize = 16;
+
+    struct Block<'a, T, U, R> {
+        start: usize,
+        first: &'a mut [T],
+        second: &'a mut [U],
+        rows: &'a R,
+    }
+
+    impl<T, U, R: RowsOfSums<T, U>> Job for Block<'_, T, U, R> {
+        #[inline(always)]
+        fn run<L: Lanes>(self) {
+            let mut start = self.start;
+            for (first, second) in self.first.chunks_mut(AHEAD).zip(self.second.chunks_mut(AHEAD)) {
+                let mut sums = [R::NOTHING; AHEAD];
+                for (i, (sum, (first, second))) in sums.iter_mut().zip(first.iter().zip(second.iter())).enumerate() {
+                    *sum = self.rows.sum::<L>(start + i, first, second);
+                }
+                for (i, (sum, (first, second))) in sums.iter().zip(first.iter_mut().zip(second)).enumerate() {
+                    self.rows.row(start + i, *sum, first, second);
+                }
+                start += AHEAD;
+            }
+        }
+    }
+
+    blocks2(first, second, &|start, first, second| dispatch(set, Block { start, first, second, rows }));
+}
+
 /// As [`sweep_lanes2`], for one column.
 pub(crate) fn sweep_lanes<T: Send, R: Rows<T>>(set: InstructionSet, out: &mut [T], rows: &R) {
     // Nothing is stored for rows of no size.

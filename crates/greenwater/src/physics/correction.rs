@@ -7,10 +7,21 @@ use crate::math::Vector;
 ///
 /// `None` where a pivot falls below `least` times the largest entry of `A`: the points that made the matrix lie on a line or
 /// are too few.
-pub fn solve<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N], least: f64) -> Option<[f64; N]> {
+pub fn solve<const N: usize>(a: [[f64; N]; N], b: [f64; N], least: f64) -> Option<[f64; N]> {
+    solve_all(a, b.map(|b| [b]), least).map(|x| x.map(|[x]| x))
+}
+
+/// The same for `M` right-hand sides, the columns of `b`, at once.
+#[inline(always)]
+fn solve_all<const N: usize, const M: usize>(mut a: [[f64; N]; N], mut b: [[f64; M]; N], least: f64) -> Option<[[f64; M]; N]> {
     let scale = a.iter().flatten().fold(0.0_f64, |most, entry| most.max(entry.abs()));
     for column in 0..N {
-        let pivot = (column..N).max_by(|&i, &j| a[i][column].abs().total_cmp(&a[j][column].abs()))?;
+        let mut pivot = column;
+        for row in column + 1..N {
+            if a[row][column].abs().total_cmp(&a[pivot][column].abs()).is_ge() {
+                pivot = row;
+            }
+        }
         let size = a[pivot][column].abs();
         if size.is_nan() || size <= least * scale {
             return None;
@@ -22,13 +33,17 @@ pub fn solve<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N], least: f64) 
             for k in column..N {
                 a[row][k] -= factor * a[column][k];
             }
-            b[row] -= factor * b[column];
+            for k in 0..M {
+                b[row][k] -= factor * b[column][k];
+            }
         }
     }
-    let mut x = [0.0; N];
+    let mut x = [[0.0; M]; N];
     for row in (0..N).rev() {
-        let known: f64 = (row + 1..N).map(|k| a[row][k] * x[k]).sum();
-        x[row] = (b[row] - known) / a[row][row];
+        for k in 0..M {
+            let known: f64 = (row + 1..N).map(|j| a[row][j] * x[j][k]).sum();
+            x[row][k] = (b[row][k] - known) / a[row][row];
+        }
     }
     Some(x)
 }
@@ -38,16 +53,10 @@ pub fn solve<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N], least: f64) 
 ///
 /// The matrix is dimensionless and the unit matrix inside the fluid; half a neighbourhood halves its smallest eigenvalue. A
 /// pivot below 0.1 means less than a fifth of that.
+#[inline(always)]
 pub fn renormalisation<const D: usize>(moments: &Tensor<D>) -> Option<Tensor<D>> {
-    let a: [[f64; D]; D] = moments.map(|row| row.0);
-    let mut inverse = [Vector::ZERO; D];
-    for column in 0..D {
-        let x = solve(a, Vector::<D>::unit(column).0, 0.1)?;
-        for (row, value) in inverse.iter_mut().zip(x) {
-            row[column] = value;
-        }
-    }
-    Some(inverse)
+    let unit = std::array::from_fn(|column| Vector::<D>::unit(column).0);
+    solve_all(moments.map(|row| row.0), unit, 0.1).map(|inverse| inverse.map(Vector))
 }
 
 #[cfg(test)]

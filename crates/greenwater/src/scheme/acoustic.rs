@@ -15,7 +15,7 @@ use super::before::{Before, follow};
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::lanes::{InstructionSet, LANES, Real, Record, sweep_lanes, sweep_lanes2};
+use crate::lanes::{InstructionSet, LANES, Real, Record, sweep_lanes, sweep_lanes2, sweep_sums};
 use crate::math::Vector;
 use crate::neighbors::{BehindWalls, NOBODY, Neighbors, Search};
 use crate::particles::{Kind, Order, Particles};
@@ -585,7 +585,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 mass: &p.mass,
                 h: &p.h,
             };
-            sweep_lanes2(self.set, &mut end[..owned], &mut p.force[..owned], &kick);
+            sweep_sums(self.set, &mut end[..owned], &mut p.force[..owned], &kick);
         });
         domain.refresh_records(&mut end);
         self.end = end;
@@ -622,7 +622,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 mass: &p.mass,
                 h: &p.h,
             };
-            sweep_lanes2(self.set, &mut middle[..owned], &mut bulk, &dilation);
+            sweep_sums(self.set, &mut middle[..owned], &mut bulk, &dilation);
         });
         domain.refresh_records(&mut middle);
         (self.middle, self.bulk) = (middle, bulk);

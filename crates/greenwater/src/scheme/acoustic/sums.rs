@@ -2,7 +2,7 @@
 
 use super::{Between, Bulk, Finding, Flux, Place, Plan, Shift, Side, dilated, relieved};
 use crate::kernel::Kernel;
-use crate::lanes::{LANES, Lanes, Real, Record, Rows};
+use crate::lanes::{LANES, Lanes, Real, Record, Rows, RowsOfSums};
 use crate::math::Vector;
 use crate::neighbors::{Octet, Term};
 use crate::particles::Kind;
@@ -430,14 +430,29 @@ pub(super) struct Kick<'a, K, F, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<'_, K, F, D> {
+impl<K: Kernel<D>, F: Flux<D>, const D: usize> RowsOfSums<Record, Vector<D>> for Kick<'_, K, F, D> {
+    /// Acceleration by neighbours; of walls that are wet, too. m/s².
+    type Sum = Vector<D>;
+    const NOTHING: Vector<D> = Vector::ZERO;
+
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, next: &mut Record, force: &mut Vector<D>) {
+    fn sum<L: Lanes>(&self, a: usize, _: &Record, _: &Vector<D>) -> Vector<D> {
+        let now = &self.pairs.records[a];
+        match self.kind[a] {
+            Kind::Fluid if F::LINEAR => self.linear_push(a),
+            Kind::Fluid => self.push::<L>(a, now),
+            Kind::Wall if self.place[a] == Place::Wet && F::LINEAR => self.linear_push(a),
+            Kind::Wall if self.place[a] == Place::Wet => self.push_back::<L>(a, now),
+            Kind::Wall | Kind::Lost => Self::NOTHING,
+        }
+    }
+
+    #[inline(always)]
+    fn row(&self, a: usize, push: Vector<D>, next: &mut Record, force: &mut Vector<D>) {
         let now = self.pairs.records[a];
         let [dt, drift, share] = self.step;
         match self.kind[a] {
             Kind::Fluid => {
-                let push = if F::LINEAR { self.linear_push(a) } else { self.push::<L>(a, &now) };
                 let v = now.v() + dt * (push + *force + self.gravity);
                 *next = record(now.x() + drift * v, v, self.bulk[a].density, self.mass[a], false);
             }
@@ -445,7 +460,6 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Vector<D>> for Kick<
                 let density = self.state.density(now.value::<D>());
                 *next = record(now.x(), self.v[a], density, self.mass[a], true);
                 if self.place[a] == Place::Wet {
-                    let push = if F::LINEAR { self.linear_push(a) } else { self.push_back::<L>(a, &now) };
                     *force += share * self.mass[a] * push;
                 }
             }
@@ -610,15 +624,27 @@ pub(super) struct Dilation<'a, K, F, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, F: Flux<D>, const D: usize> Rows<Record, Bulk> for Dilation<'_, K, F, D> {
+impl<K: Kernel<D>, F: Flux<D>, const D: usize> RowsOfSums<Record, Bulk> for Dilation<'_, K, F, D> {
+    /// Rate of density by compression, and what spreads, kg/(m³ s).
+    type Sum = [f64; 2];
+    const NOTHING: [f64; 2] = [0.0; 2];
+
     #[inline(always)]
-    fn row<L: Lanes>(&self, a: usize, next: &mut Record, bulk: &mut Bulk) {
+    fn sum<L: Lanes>(&self, a: usize, _: &Record, bulk: &Bulk) -> [f64; 2] {
+        match self.kind[a] {
+            Kind::Fluid if F::LINEAR => self.linear_rate(a, bulk.density),
+            Kind::Fluid => self.rate::<L>(a, &self.pairs.records[a], bulk.density),
+            Kind::Wall | Kind::Lost => Self::NOTHING,
+        }
+    }
+
+    #[inline(always)]
+    fn row(&self, a: usize, [compression, spread]: [f64; 2], next: &mut Record, bulk: &mut Bulk) {
         if self.kind[a] != Kind::Fluid {
             return;
         }
         let now = self.pairs.records[a];
         let [half, lead, damping] = self.step;
-        let [compression, spread] = if F::LINEAR { self.linear_rate(a, bulk.density) } else { self.rate::<L>(a, &now, bulk.density) };
         bulk.compression = f64::from(bulk.weight) * compression;
         bulk.rate = bulk.pull + bulk.compression + spread;
         let density = dilated(bulk.density, half * bulk.rate, self.place[a], self.state.rest);
