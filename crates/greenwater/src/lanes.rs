@@ -257,6 +257,9 @@ pub(crate) trait Lanes: Real {
     /// Field by field, what eight records hold.
     fn gather(eight: Eight<'_>) -> [Self; LANES];
 
+    /// Number by number, what eight fours in single precision hold.
+    fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4];
+
     /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))`.
     fn total(self) -> f64;
 
@@ -410,6 +413,11 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
+    fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4] {
+        std::array::from_fn(|i| Self(std::array::from_fn(|lane| f64::from(fours[lane][i]))))
+    }
+
+    #[inline(always)]
     fn total(self) -> f64 {
         let [a, b, c, d, e, f, g, h] = self.0;
         ((a + e) + (c + g)) + ((b + f) + (d + h))
@@ -531,12 +539,49 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4] {
+            unsafe {
+                let [a, b, c, d] = turned_fours(fours);
+                [Self(_mm512_cvtps_pd(a)), Self(_mm512_cvtps_pd(b)), Self(_mm512_cvtps_pd(c)), Self(_mm512_cvtps_pd(d))]
+            }
+        }
+
+        #[inline(always)]
         fn total(self) -> f64 {
             unsafe {
                 let four = _mm256_add_pd(_mm512_castpd512_pd256(self.0), _mm512_extractf64x4_pd::<1>(self.0));
                 total_of_four(four)
             }
         }
+    }
+
+    /// Number by number, what eight fours hold.
+    #[inline(always)]
+    unsafe fn turned_fours(fours: [&[f32; 4]; LANES]) -> [__m256; 4] {
+        unsafe {
+            let a = two_fours(fours[0], fours[4]);
+            let b = two_fours(fours[1], fours[5]);
+            let c = two_fours(fours[2], fours[6]);
+            let d = two_fours(fours[3], fours[7]);
+            let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+            let (ba, dc) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+            [
+                _mm256_shuffle_ps::<0x44>(ab, cd),
+                _mm256_shuffle_ps::<0xee>(ab, cd),
+                _mm256_shuffle_ps::<0x44>(ba, dc),
+                _mm256_shuffle_ps::<0xee>(ba, dc),
+            ]
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn two_fours(low: &[f32; 4], high: &[f32; 4]) -> __m256 {
+        unsafe { _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(_mm_loadu_ps(low.as_ptr())), _mm_loadu_ps(high.as_ptr())) }
+    }
+
+    #[inline(always)]
+    unsafe fn widened(x: __m256) -> Avx2 {
+        unsafe { Avx2(_mm256_cvtps_pd(_mm256_castps256_ps128(x)), _mm256_cvtps_pd(_mm256_extractf128_ps::<1>(x))) }
     }
 
     /// Four fields from `FROM` on of the records `low` and `high`, one behind the other.
@@ -707,6 +752,14 @@ mod x86 {
                     Self(c[2], d[2]),
                     Self(c[3], d[3]),
                 ]
+            }
+        }
+
+        #[inline(always)]
+        fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4] {
+            unsafe {
+                let [a, b, c, d] = turned_fours(fours);
+                [widened(a), widened(b), widened(c), widened(d)]
             }
         }
 
@@ -940,6 +993,10 @@ mod tests {
             let fields = L::gather(octets.of(0..LANES, self.records).next().unwrap());
             for field in fields {
                 self.out.extend(field.to_array());
+            }
+            let fours: [[f32; 4]; LANES] = std::array::from_fn(|lane| std::array::from_fn(|i| (10 * lane + i) as f32));
+            for (i, number) in L::turn(fours.each_ref()).into_iter().enumerate() {
+                assert_eq!(number.to_array(), std::array::from_fn(|lane| (10 * lane + i) as f64));
             }
             let [a, b, ..] = fields;
             let mask = a.below(b);

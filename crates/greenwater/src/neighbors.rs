@@ -204,12 +204,9 @@ impl<const D: usize> Neighbors<D> {
         let (set, nobody) = (InstructionSet::of_this_machine(), self.nobody);
         let sorted =
             (search == Search::Grid).then(|| Sorted { grid: &grid, columns: Record::flat(room), length: p.len(), alike: is_alike(p) });
-        self.segments.par_iter_mut().enumerate().with_max_len(4).for_each_init(
-            Candidates::default,
-            |candidates, (block, segment)| {
-                dispatch(set, Listing { p, sorted, support, behind, nobody, first: block * BLOCK, candidates, segment });
-            },
-        );
+        self.segments.par_iter_mut().enumerate().with_max_len(4).for_each_init(Candidates::default, |candidates, (block, segment)| {
+            dispatch(set, Listing { p, sorted, support, behind, nobody, first: block * BLOCK, candidates, segment });
+        });
         self.grid = grid;
         Ok(())
     }

@@ -150,12 +150,12 @@ impl<const D: usize> Particles<D> {
 
     /// Largest smoothing length, m; 0 for an empty set.
     pub fn h_max(&self) -> f64 {
-        self.h[..self.owned].iter().copied().fold(0.0, f64::max)
+        extreme(&self.h[..self.owned], 0.0, |h, most| h > most)
     }
 
     /// Smallest smoothing length, m; infinite for an empty set.
     pub fn h_min(&self) -> f64 {
-        self.h[..self.owned].iter().copied().fold(f64::INFINITY, f64::min)
+        extreme(&self.h[..self.owned], f64::INFINITY, |h, least| h < least)
     }
 
     /// The volume `m/ρ` of particle `a`, m³ (m² in 2D).
@@ -323,9 +323,36 @@ pub fn field_table<const D: usize>() -> [Field<D>; 15] {
     ]
 }
 
+/// The number that `beats` all others and `start`; eight at a time, since every step asks for it.
+fn extreme(numbers: &[f64], start: f64, beats: impl Fn(f64, f64) -> bool) -> f64 {
+    let better = |best: f64, number: f64| if beats(number, best) { number } else { best };
+    let (eights, rest) = numbers.as_chunks::<8>();
+    let mut best = [start; 8];
+    for eight in eights {
+        for (best, &number) in best.iter_mut().zip(eight) {
+            *best = better(*best, number);
+        }
+    }
+    best.iter().chain(rest).copied().fold(start, better)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_extremes_of_smoothing_lengths_are_found_wherever_they_stand() {
+        for n in [0, 1, 7, 8, 9, 27] {
+            for place in 0..n {
+                let numbers: Vec<f64> = (0..n).map(|i| if i == place { 1.0 } else { 2.0 + f64::from(i) }).collect();
+                assert_eq!(extreme(&numbers, f64::INFINITY, |h, least| h < least), 1.0);
+                let negative: Vec<f64> = numbers.iter().map(|h| 9.0 - h).collect();
+                assert_eq!(extreme(&negative, 0.0, |h, most| h > most), 8.0);
+            }
+        }
+        assert_eq!(Particles::<2>::new().h_max(), 0.0);
+        assert_eq!(Particles::<2>::new().h_min(), f64::INFINITY);
+    }
 
     fn particle(x: f64) -> Particle<2> {
         Particle { kind: Kind::Fluid, layer: 0, x: Vector([x, 0.0]), v: Vector::ZERO, mass: 2.0, density: 1000.0, pressure: 0.0, h: 0.1 }

@@ -3,7 +3,7 @@
 use super::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, splat, totals};
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes, Rows};
-use crate::math::Vector;
+use crate::math::{Matrix, Vector};
 use crate::neighbors::{Octet, Term};
 
 /// `Σ ν V_b d_ab ∇_a W_ab/r²` over fluid, of the approach `d_ab = v_ab·x_ab < 0` of each pair less what the stretching of the
@@ -15,11 +15,11 @@ use crate::neighbors::{Octet, Term};
 /// pair, along the line between its particles, and never against their parting: momentum is conserved, energy only lost. Source: the artificial viscosity
 /// of Monaghan (1992) between velocities that are reconstructed linearly and limited after van Leer, as by Frontiere, Raskin & Owen, J. Comput. Phys. 332
 /// (2017) 160.
-pub(crate) struct Damping<'a, K, S, const D: usize> {
+pub(crate) struct Damping<'a, K, S: ?Sized, const D: usize> {
     /// Records carry velocities.
     pub pairs: Pairs<'a, K, D>,
-    /// Entry `i`, `j >= i` of `S`, the symmetric part of `∇v`, 1/s, of each particle; zero for nobody.
-    pub stretch: S,
+    /// `S` of each particle; zero for nobody.
+    pub stretch: &'a S,
     /// `1/ρ0`, m³/kg.
     pub scale: f64,
     /// m/s and m²/s.
@@ -28,29 +28,60 @@ pub(crate) struct Damping<'a, K, S, const D: usize> {
     pub h: &'a [f64],
 }
 
-impl<K: Kernel<D>, S: Fn(usize, usize, usize) -> f64 + Sync, const D: usize> Rows<Vector<D>> for Damping<'_, K, S, D> {
+/// The symmetric part `S` of `∇v` of every particle, 1/s: on the diagonal and right of it, what else is there is not asked for.
+pub(crate) trait Stretches<const D: usize>: Sync {
+    /// That of particle `a`.
+    fn of(&self, a: usize) -> [[f64; D]; D];
+
+    /// Those of eight particles; must be `#[inline(always)]`.
+    fn of_eight<L: Lanes>(&self, rows: &[u32; LANES]) -> [[L; D]; D];
+}
+
+impl<const D: usize> Stretches<D> for [Matrix<D>] {
+    #[inline(always)]
+    fn of(&self, a: usize) -> [[f64; D]; D] {
+        self[a].map(|row| row.0)
+    }
+
+    #[inline(always)]
+    fn of_eight<L: Lanes>(&self, rows: &[u32; LANES]) -> [[L; D]; D] {
+        let mut eight = [[L::splat(0.0); D]; D];
+        for i in 0..D {
+            for j in i..D {
+                let mut entries = [0.0; LANES];
+                for lane in 0..LANES {
+                    entries[lane] = self[rows[lane] as usize][i][j];
+                }
+                eight[i][j] = L::from_array(entries);
+            }
+        }
+        eight
+    }
+}
+
+impl<K: Kernel<D>, S: Stretches<D> + ?Sized, const D: usize> Rows<Vector<D>> for Damping<'_, K, S, D> {
     #[inline(always)]
     fn row<L: Lanes>(&self, a: usize, out: &mut Vector<D>, _: &mut ()) {
         let own = self.pairs.records[a];
         *out = Vector::ZERO;
         if !own.is_wall::<D>() {
             let reach = self.pairs.reach::<L>(self.h[a]);
-            let term = Approach { reach, strength: self.strength, v: splat(own.v()), a, stretch: &self.stretch };
+            let term = Approach { reach, strength: self.strength, v: splat(own.v()), own: self.stretch.of(a), stretch: self.stretch };
             *out = self.scale * reach.slope_scale() * totals(self.pairs.near.sum(a, self.pairs.records, &term));
         }
     }
 }
 
 /// `ν m_b d_ab x_ab/r²`, times `W'/r` on the scale of the particle.
-struct Approach<'a, K, S, L, const D: usize> {
+struct Approach<'a, K, S: ?Sized, L, const D: usize> {
     reach: Reach<'a, K, L>,
     strength: [f64; 2],
     v: [L; D],
-    a: usize,
+    own: [[f64; D]; D],
     stretch: &'a S,
 }
 
-impl<K: Kernel<D>, S: Fn(usize, usize, usize) -> f64, L: Lanes, const D: usize> Term<L, D> for Approach<'_, K, S, L, D> {
+impl<K: Kernel<D>, S: Stretches<D> + ?Sized, L: Lanes, const D: usize> Term<L, D> for Approach<'_, K, S, L, D> {
     type Totals = [L; D];
 
     #[inline(always)]
@@ -62,16 +93,13 @@ impl<K: Kernel<D>, S: Fn(usize, usize, usize) -> f64, L: Lanes, const D: usize> 
     fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
         let b = Seen::<L, D>::of(&octet.fields);
         let (nothing, x) = (L::splat(0.0), &octet.x_ab);
+        let others = self.stretch.of_eight::<L>(octet.rows);
         let (mut here, mut there) = (nothing, nothing);
         for i in 0..D {
             for j in i..D {
-                let mut others = [0.0; LANES];
-                for lane in 0..LANES {
-                    others[lane] = (self.stretch)(octet.rows[lane] as usize, i, j);
-                }
                 let twice = if i == j { x[i] * x[j] } else { x[i] * x[j] * 2.0 };
-                here = twice.times_plus(L::splat((self.stretch)(self.a, i, j)), here);
-                there = twice.times_plus(L::from_array(others), there);
+                here = twice.times_plus(L::splat(self.own[i][j]), here);
+                there = twice.times_plus(others[i][j], there);
             }
         }
         let approach = dot(&difference(&self.v, &b.v), x).at_most(nothing);
@@ -90,7 +118,6 @@ mod tests {
     use super::*;
     use crate::kernel::WendlandC2;
     use crate::lanes::{InstructionSet, Record, sweep_lanes};
-    use crate::math::Matrix;
     use crate::neighbors::{NOBODY, Neighbors, Search};
     use crate::particles::{Kind, Particle, Particles};
     use crate::physics::pairs::record;
@@ -111,7 +138,8 @@ mod tests {
         let set = InstructionSet::of_this_machine();
         let pairs = Pairs { set, kernel: WendlandC2, near: &near, records: &records, lengths: None };
         let mut out = vec![Vector::ZERO; p.len()];
-        sweep_lanes(set, &mut out, &Damping { pairs, stretch: |_, i: usize, j| stretch[i][j], scale: 1.0, strength: [0.0, -1.0], h: &p.h });
+        let stretch = vec![stretch; p.len() + 1];
+        sweep_lanes(set, &mut out, &Damping { pairs, stretch: &stretch[..], scale: 1.0, strength: [0.0, -1.0], h: &p.h });
         (out, p.x.clone())
     }
 

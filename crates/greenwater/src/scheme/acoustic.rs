@@ -15,12 +15,12 @@ use super::before::{Before, follow};
 use super::{Medium, Scheme, StepError, StepReport};
 use crate::domain::Domain;
 use crate::kernel::Kernel;
-use crate::lanes::{InstructionSet, LANES, Real, Record, sweep_lanes, sweep_lanes2, sweep_sums};
+use crate::lanes::{InstructionSet, LANES, Lanes, Real, Record, sweep_lanes, sweep_lanes2, sweep_sums};
 use crate::math::Vector;
 use crate::neighbors::{BehindWalls, NOBODY, Neighbors, Search};
 use crate::particles::{Kind, Order, Particles};
 use crate::physics::consistency::{DensityReset, LinearKernel, MovingMoments, new_density};
-use crate::physics::damping::Damping;
+use crate::physics::damping::{Damping, Stretches};
 use crate::physics::diffusion::{Diffusion, gradient_at_rest};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, record, take_lengths};
@@ -227,34 +227,49 @@ impl<const D: usize> Shift<D> {
     }
 }
 
-/// What is found about a particle once a step, in single precision, which is plenty. Of fluid: the symmetric part of the gradient of velocity, on the
-/// diagonal and right of it, and the surface weight below, zero in foam and −1 where foam clashes. Of walls: the normal, in the first row.
+/// What is found about a particle once a step, in single precision, which is plenty. Of fluid: the symmetric part of the gradient of velocity, the entries
+/// on the diagonal and right of it row by row, and behind them the surface weight, zero in foam and −1 where foam clashes. Of walls: the normal.
 #[derive(Clone, Copy, Debug)]
 struct Finding<const D: usize>([[f32; D]; D]);
 
 impl<const D: usize> Finding<D> {
     const NOTHING: Self = Self([[0.0; D]; D]);
 
+    /// Where the surface weight stands, behind the entries of a symmetric tensor.
+    const WEIGHT: usize = D * (D + 1) / 2;
+
     /// Of fluid around which velocities change as `gradient`, 1/s, and whose pressure counts for `weight` in forces, zero in foam and −1 where foam clashes.
     #[inline(always)]
     fn of_fluid(gradient: &Tensor<D>, weight: f64) -> Self {
-        let mut found = std::array::from_fn(|i| std::array::from_fn(|j| (0.5 * (gradient[i][j] + gradient[j][i])) as f32));
-        found[1][0] = weight as f32;
-        Self(found)
+        let mut found = Self::NOTHING;
+        let numbers = found.0.as_flattened_mut();
+        for i in 0..D {
+            for j in i..D {
+                numbers[Self::place(i, j)] = (0.5 * (gradient[i][j] + gradient[j][i])) as f32;
+            }
+        }
+        numbers[Self::WEIGHT] = weight as f32;
+        found
     }
 
     /// Of a wall that looks along `normal`.
     #[inline(always)]
     fn of_wall(normal: Vector<D>) -> Self {
-        let mut found = [[0.0; D]; D];
-        found[0] = normal.0.map(|n| n as f32);
-        Self(found)
+        let mut found = Self::NOTHING;
+        found.0[0] = normal.0.map(|n| n as f32);
+        found
+    }
+
+    /// Where entry `i`, `j >= i` of a symmetric tensor stands.
+    #[inline(always)]
+    const fn place(i: usize, j: usize) -> usize {
+        i * (2 * D - i - 1) / 2 + j
     }
 
     /// Entry `i`, `j >= i` of the symmetric part of the gradient of velocity, 1/s.
     #[inline(always)]
     fn stretch(&self, i: usize, j: usize) -> f64 {
-        f64::from(self.0[i][j])
+        f64::from(self.0.as_flattened()[Self::place(i, j)])
     }
 
     /// `√(S:S)` of that part, 1/s.
@@ -266,19 +281,54 @@ impl<const D: usize> Finding<D> {
 
     #[inline(always)]
     fn weight(&self) -> f64 {
-        f64::from(self.0[1][0])
+        f64::from(self.0.as_flattened()[Self::WEIGHT])
     }
 
     /// Where foam is, none for other fluid.
     #[inline(always)]
     fn foam(&self) -> Option<Place> {
-        let weight = self.0[1][0];
+        let weight = self.weight();
         (weight <= 0.0).then_some(if weight == 0.0 { Place::Foam } else { Place::Clash })
     }
 
     #[inline(always)]
     fn normal(&self) -> Vector<D> {
         Vector(self.0[0].map(f64::from))
+    }
+}
+
+impl<const D: usize> Stretches<D> for [Finding<D>] {
+    #[inline(always)]
+    fn of(&self, a: usize) -> [[f64; D]; D] {
+        let mut own = [[0.0; D]; D];
+        for i in 0..D {
+            for j in i..D {
+                own[i][j] = self[a].stretch(i, j);
+            }
+        }
+        own
+    }
+
+    /// Four numbers at a time; in space, two of them twice.
+    #[inline(always)]
+    fn of_eight<L: Lanes>(&self, rows: &[u32; LANES]) -> [[L; D]; D] {
+        let last = Finding::<D>::WEIGHT.saturating_sub(4);
+        let (mut first_fours, mut last_fours) = ([&[0.0; 4]; LANES], [&[0.0; 4]; LANES]);
+        for lane in 0..LANES {
+            let numbers = self[rows[lane] as usize].0.as_flattened();
+            if let (Some(first), Some(last)) = (numbers.first_chunk(), numbers[last..].first_chunk()) {
+                (first_fours[lane], last_fours[lane]) = (first, last);
+            }
+        }
+        let (first_turned, last_turned) = (L::turn(first_fours), L::turn(last_fours));
+        let mut eight = [[L::splat(0.0); D]; D];
+        for i in 0..D {
+            for j in i..D {
+                let place = Finding::<D>::place(i, j);
+                eight[i][j] = if place < 4 { first_turned[place] } else { last_turned[place - last] };
+            }
+        }
+        eight
     }
 }
 
@@ -485,8 +535,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         let strength = [self.plan.alpha * self.plan.state.sound, own];
         p.force.fill(Vector::ZERO);
         if strength[0] * p.h_max() > own {
-            let (pairs, stretch) = (self.pairs(&self.middle), |a: usize, i: usize, j: usize| self.found[a].stretch(i, j));
-            let (owned, h) = (p.owned(), &p.h);
+            let (pairs, stretch, owned, h) = (self.pairs(&self.middle), &self.found[..], p.owned(), &p.h);
             sweep_lanes(self.set, &mut p.force[..owned], &Damping { pairs, stretch, scale: self.volume_scale(), strength, h });
         }
     }

@@ -187,9 +187,8 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         stretch[p.len()] = [Vector::ZERO; D];
         flow.v.resize(p.len(), Vector::ZERO);
         if flow.lacking(p.h_max(), flow.speed(p)) > 0.0 {
-            let of = |a: usize, i: usize, j| stretch[a][i][j];
             // Of strength one: the viscosity is known later, with the speed.
-            let damping = Damping { pairs, stretch: of, scale: 1.0 / rest, strength: [0.0, -1.0], h: &p.h };
+            let damping = Damping { pairs, stretch: &stretch[..], scale: 1.0 / rest, strength: [0.0, -1.0], h: &p.h };
             sweep_lanes(set, &mut flow.v[..owned], &damping);
         } else {
             flow.v.fill(Vector::ZERO);
