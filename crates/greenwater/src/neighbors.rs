@@ -855,6 +855,31 @@ mod tests {
         }
     }
 
+    /// Pairs a rounding of double precision nearer and farther than the reach, in units in which single precision is exact to a millionth, holds
+    /// zeros alone, or overflows.
+    #[test]
+    fn what_single_precision_cannot_tell_is_decided_in_double() {
+        let mut next = random(11);
+        for unit in [1.0, 1e-30, 1e30] {
+            for alike in [true, false] {
+                let pairs = (0..200).flat_map(|i| {
+                    // Ten reaches apart, and turned: the distance of a pair is made of roots.
+                    let (corner, turn) = (Vector([f64::from(i % 20), f64::from(i / 20)]), 0.1 * next());
+                    let distance = 2.0 * (1.0 + f64::from(i % 3 - 1) * 1e-15);
+                    let x = 20.0 * corner;
+                    [x, x + Vector([distance * turn.cos(), distance * turn.sin()])]
+                });
+                let p = set(pairs.enumerate().map(|(i, x)| (unit * x, if alike || i % 4 < 2 { unit } else { 0.5 * unit })));
+                same_pairs(&p, 2.0);
+                let mut near = Neighbors::new();
+                near.build(&p, 2.0, Search::Grid).unwrap();
+                // Each from both sides; those of half the smoothing length are too far apart, and a third of the others by a rounding.
+                let (seen, close) = (near.pairs() / 2, if alike { 200 } else { 100 });
+                assert!((close / 3..close).contains(&seen), "{seen} of {close} pairs are seen");
+            }
+        }
+    }
+
     #[test]
     fn a_periodic_box_sees_across_its_faces_even_when_it_is_two_cells_wide() {
         let mut next = random(5);
