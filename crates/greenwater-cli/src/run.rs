@@ -67,10 +67,10 @@ impl HowArgs {
 /// Starts as many threads as asked for, or one for each core; this one is the first of them. A loop over particles then begins where it is called: handed to
 /// threads apart, it would wait for one of them to wake, dozens of times a step.
 pub fn start_threads(threads: Option<usize>) -> Result<(), CliError> {
-    let given = threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-    if !(1..=1024).contains(&given) {
+    if let Some(given) = threads.filter(|given| !(1..=1024).contains(given)) {
         return Err(CliError::Threads { given });
     }
+    let given = threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(given).use_current_thread().build_global();
     pool.map_err(|error| CliError::ThreadPool { given, reason: error.to_string() })
 }
