@@ -65,7 +65,7 @@ impl HowArgs {
 }
 
 /// Starts as many threads as asked for, or one for each core; this one is the first of them. A loop over particles then begins where it is called: handed to
-/// threads apart, it would wait for one of them to wake, dozens of times a step.
+/// threads apart, it would wait for one of them to wake, dozens of times a step. No other thread may start such a loop while this one waits for it.
 pub fn start_threads(threads: Option<usize>) -> Result<(), CliError> {
     if let Some(given) = threads.filter(|given| !(1..=1024).contains(given)) {
         return Err(CliError::Threads { given });

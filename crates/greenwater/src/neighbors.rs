@@ -350,7 +350,7 @@ impl<const D: usize> Neighbors<D> {
 
         column.segments.resize_with(self.segments.len(), Vec::new);
         let blocks = column.segments.par_iter_mut().zip(first.par_chunks_mut(BLOCK)).zip(second.par_chunks_mut(BLOCK));
-        // As lists do, values grow in a place of the thread's own.
+        // Values grow in a place of the thread's own, so that what is kept has little more room than it needs.
         blocks.enumerate().with_max_len(4).for_each_init(Vec::new, |found, (block, ((values, first), second))| {
             found.clear();
             dispatch(set, Block { start: block * BLOCK, values: &mut *found, first, second, rows });
