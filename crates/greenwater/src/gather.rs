@@ -173,6 +173,16 @@ impl Slices {
         near.iter().map(move |columns| low + columns.column(lane)).chain(far.iter().map(move |columns| columns.column(lane)))
     }
 
+    /// Columns and weights `w` of row `lane` of slice `s`, but for weights of zero, as a list: for loops to which an iterator would be dear.
+    #[inline]
+    pub fn unpack(&self, s: usize, lane: usize, w: &[Lanes<f32>], entries: &mut Vec<(u32, f32)>) {
+        let range = self.range(s);
+        match &self.columns {
+            Columns::Near(low, columns) => unpack(&columns[range.clone()], *low, &w[range], lane, entries),
+            Columns::Far(columns) => unpack(&columns[range.clone()], 0, &w[range], lane, entries),
+        }
+    }
+
     /// The entries of slice `s`.
     pub fn range(&self, s: usize) -> std::ops::Range<usize> {
         (if s == 0 { 0 } else { self.ends[s - 1] as usize })..self.ends[s] as usize
@@ -280,6 +290,18 @@ impl Slices {
             portable::sum_all(self, columns, w, x, out);
         });
     }
+}
+
+/// See [`Slices::unpack`]; columns are stored from `low` on.
+fn unpack<C: Entry>(columns: &[C], low: u32, w: &[Lanes<f32>], lane: usize, entries: &mut Vec<(u32, f32)>) {
+    entries.resize(columns.len(), (0, 0.0));
+    let mut count = 0;
+    for (column, w) in columns.iter().zip(w) {
+        let weight = w.0[lane];
+        entries[count] = (low + column.column(lane), weight);
+        count += usize::from(weight != 0.0);
+    }
+    entries.truncate(count);
 }
 
 /// Loops over all slices, compiled for the instructions of the functions they call.
@@ -815,6 +837,10 @@ mod tests {
         assert_eq!(slices.strain(0, w, &wide_pairs, &own), portable::strain(columns, w, &wide_pairs[low..], &own));
         let sum: f32 = slices.row(0, 3).zip(w[0]).map(|(column, w)| w.0[3] * x[column as usize]).sum();
         assert_eq!(expected.0[3], sum);
+        let mut unpacked = vec![(7, 7.0)];
+        slices.unpack(0, 3, w[0], &mut unpacked);
+        let entries = slices.row(0, 3).zip(w[0]).map(|(column, w)| (column, w.0[3]));
+        assert!(unpacked.iter().copied().eq(entries.filter(|&(_, w)| w != 0.0)), "{unpacked:?}");
     }
 
     #[test]

@@ -193,6 +193,13 @@ impl Sliced {
         entries.map(move |(column, weights)| (column, weights.0[lane])).filter(|&(_, weight)| weight != 0.0)
     }
 
+    /// The same as a list.
+    #[inline]
+    pub(super) fn unpack(&self, i: usize, entries: &mut Vec<(u32, f32)>) {
+        let block = &self.blocks[i / ROWS];
+        block.slices.unpack(i % ROWS / LANES, i % LANES, &block.weights, entries);
+    }
+
     /// `set(i, (Σ_j w_ij x_j)_i, y_i)` for runs `i` of rows, in single precision.
     pub(super) fn weigh<T: Send>(&self, x: &[f32], y: &mut [T], set: impl Fn(Range<usize>, &[f32], &mut [T]) + Sync) {
         self.by_block(y, |number, y| {

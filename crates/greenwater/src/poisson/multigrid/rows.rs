@@ -31,87 +31,98 @@ pub(super) struct Rows {
 #[derive(Debug, Default)]
 struct Block {
     ends: Vec<u32>,
-    columns: Vec<u32>,
-    values: Vec<f32>,
+    /// Column and value.
+    entries: Vec<(u32, f32)>,
 }
 
 /// The row being gathered.
 struct LastRow<'a> {
-    block: &'a mut Block,
-    start: usize,
-    /// Where in the block each column was last put.
-    places: &'a mut [u32],
+    entries: &'a mut Vec<(u32, f32)>,
+    row: u32,
+    sums: &'a mut [(u32, f32)],
 }
 
 impl LastRow<'_> {
     /// Adds to the entry in `column`.
     #[inline(always)]
     fn add(&mut self, column: u32, value: f32) {
-        let Block { columns, values, .. } = &mut *self.block;
-        let place = &mut self.places[column as usize];
-        let at = *place as usize;
-        // A place left by another row holds another column, or is not of this row.
-        if at >= self.start && columns.get(at) == Some(&column) {
-            values[at] += value;
+        let (row, sum) = &mut self.sums[column as usize];
+        if *row == self.row {
+            *sum += value;
         } else {
-            *place = columns.len() as u32;
-            columns.push(column);
-            values.push(value);
+            (*row, *sum) = (self.row, value);
+            self.entries.push((column, 0.0));
         }
     }
 }
 
-/// A list of columns for each thread, kept from use to use: it says where in a row a column stands.
+/// What each thread gathers with, kept from use to use.
 #[derive(Debug, Default)]
-pub(super) struct Workspaces(Vec<Mutex<Vec<u32>>>);
+pub(super) struct Workspaces(Vec<Mutex<Workspace>>);
+
+#[derive(Debug, Default)]
+struct Workspace {
+    /// How many rows were gathered.
+    rows: u32,
+    /// The last of them that had an entry in each column, and its sum there.
+    sums: Vec<(u32, f32)>,
+    /// Room for a row of another matrix.
+    room: Vec<(u32, f32)>,
+}
 
 impl Workspaces {
     fn prepare(&mut self) {
         self.0.resize_with(rayon::current_num_threads() + 1, Mutex::default);
     }
 
-    fn with<T>(&self, columns: usize, work: impl FnOnce(&mut [u32]) -> T) -> T {
+    fn with<T>(&self, columns: usize, work: impl FnOnce(&mut Workspace) -> T) -> T {
         let thread = rayon::current_thread_index().map_or(0, |thread| thread + 1);
         // A thread that panicked has left nothing that matters here.
-        let mut places = self.0[thread].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if places.len() < columns {
-            places.resize(columns, 0);
+        let mut workspace = self.0[thread].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if workspace.sums.len() < columns {
+            workspace.sums.resize(columns, (0, 0.0));
         }
-        work(&mut places)
+        work(&mut workspace)
     }
 }
 
-/// Fills the blocks of rows `rows`; `fill(i, row)` adds to row `i`.
-fn gather(blocks: &mut [Block], rows: Range<usize>, columns: usize, work: &mut Workspaces, fill: impl Fn(usize, &mut LastRow) + Sync) {
+/// Fills the blocks of rows `rows`; `fill(i, row, room)` adds to row `i`.
+fn gather(
+    blocks: &mut [Block],
+    rows: Range<usize>,
+    columns: usize,
+    work: &mut Workspaces,
+    fill: impl Fn(usize, &mut LastRow, &mut Vec<(u32, f32)>) + Sync,
+) {
     work.prepare();
     let work = &*work;
     blocks.par_iter_mut().enumerate().for_each(|(number, block)| {
-        work.with(columns, |places| {
+        work.with(columns, |Workspace { rows: gathered, sums, room }| {
             block.ends.clear();
-            block.columns.clear();
-            block.values.clear();
+            block.entries.clear();
             let first = rows.start + number * ROWS;
             for i in first..rows.end.min(first + ROWS) {
-                let start = block.columns.len();
-                fill(i, &mut LastRow { block, start, places });
-                block.ends.push(block.columns.len() as u32);
+                let start = block.entries.len();
+                *gathered += 1;
+                fill(i, &mut LastRow { entries: &mut block.entries, row: *gathered, sums }, room);
+                block.entries[start..].iter_mut().for_each(|(column, value)| *value = sums[*column as usize].1);
+                block.ends.push(block.entries.len() as u32);
             }
-            trim(&mut block.columns);
-            trim(&mut block.values);
+            trim(&mut block.entries);
         });
     });
 }
 
 impl Rows {
     #[inline]
-    pub(super) fn row(&self, i: usize) -> impl Iterator<Item = (u32, f32)> + '_ {
+    fn row(&self, i: usize) -> &[(u32, f32)] {
         let (block, at) = (&self.blocks[i / ROWS], i % ROWS);
-        let range = (if at == 0 { 0 } else { block.ends[at - 1] as usize })..block.ends[at] as usize;
-        block.columns[range.clone()].iter().copied().zip(block.values[range].iter().copied())
+        let start = if at == 0 { 0 } else { block.ends[at - 1] as usize };
+        &block.entries[start..block.ends[at] as usize]
     }
 
-    /// Replaces the rows by `n` new ones; `fill(i, row)` adds to row `i`.
-    fn gather(&mut self, n: usize, columns: usize, work: &mut Workspaces, fill: impl Fn(usize, &mut LastRow) + Sync) {
+    /// Replaces the rows by `n` new ones; `fill(i, row, room)` adds to row `i`.
+    fn gather(&mut self, n: usize, columns: usize, work: &mut Workspaces, fill: impl Fn(usize, &mut LastRow, &mut Vec<(u32, f32)>) + Sync) {
         self.rows = n;
         self.blocks.resize_with(n.div_ceil(ROWS), Block::default);
         gather(&mut self.blocks, 0..n, columns, work, fill);
@@ -120,17 +131,25 @@ impl Rows {
     /// `(I − damping S⁻¹F) T` with `T` one where a row belongs to one of `count` aggregates, `F` the matrix `A` with its weak ties added to the diagonal, and `S` the
     /// sums of the sizes of its rows, above its eigenvalues.
     pub(super) fn smoothed(&mut self, a: &Sliced, strength: f64, damping: f32, aggregate: &[u32], count: usize, work: &mut Workspaces) {
-        self.gather(a.rows(), count, work, |i, row| {
+        self.gather(a.rows(), count, work, |i, row, ties| {
             if aggregate[i] == NONE {
                 return;
             }
             let least = strength * strength * a.diagonal(i);
-            let strong = |(j, weight): (u32, f32)| f64::from(weight) * f64::from(weight) > least * a.diagonal(j as usize);
             let (mut diagonal, mut size) = (a.diagonal(i) as f32, 0.0);
-            a.row(i).for_each(|tie| if strong(tie) { size += tie.1.abs() } else { diagonal -= tie.1 });
+            a.unpack(i, ties);
+            ties.retain(|&(j, weight)| {
+                let strong = f64::from(weight) * f64::from(weight) > least * a.diagonal(j as usize);
+                if strong {
+                    size += weight.abs()
+                } else {
+                    diagonal -= weight
+                }
+                strong
+            });
             let scale = damping / (diagonal.abs() + size);
             row.add(aggregate[i], 1.0 - scale * diagonal);
-            for (j, weight) in a.row(i).filter(|&tie| strong(tie)) {
+            for &(j, weight) in &*ties {
                 if aggregate[j as usize] != NONE {
                     row.add(aggregate[j as usize], scale * weight);
                 }
@@ -151,19 +170,20 @@ impl Rows {
             let rows = first..n.min(first + blocks.len() * ROWS);
             needed.clear();
             needed.resize(a.rows(), false);
-            rows.clone().for_each(|i| left.row(i).for_each(|(k, _)| needed[k as usize] = true));
-            product.gather(a.rows(), n, work, |i, row| {
+            rows.clone().for_each(|i| left.row(i).iter().for_each(|&(k, _)| needed[k as usize] = true));
+            product.gather(a.rows(), n, work, |i, row, entries| {
                 if needed[i] {
                     let diagonal = a.diagonal(i) as f32;
-                    right.row(i).for_each(|(j, other)| row.add(j, diagonal * other));
-                    for (k, weight) in a.row(i) {
-                        right.row(k as usize).for_each(|(j, other)| row.add(j, -weight * other));
+                    right.row(i).iter().for_each(|&(j, other)| row.add(j, diagonal * other));
+                    a.unpack(i, entries);
+                    for &(k, weight) in &*entries {
+                        right.row(k as usize).iter().for_each(|&(j, other)| row.add(j, -weight * other));
                     }
                 }
             });
-            gather(blocks, rows, n, work, |i, row| {
-                for (k, value) in left.row(i) {
-                    product.row(k as usize).for_each(|(j, other)| row.add(j, value * other));
+            gather(blocks, rows, n, work, |i, row, _| {
+                for &(k, value) in left.row(i) {
+                    product.row(k as usize).iter().for_each(|&(j, other)| row.add(j, value * other));
                 }
             });
         }
@@ -179,22 +199,20 @@ impl Rows {
         }
         // Lengths, then starts of the rows; filling moves each to its end.
         for block in &other.blocks {
-            block.columns.iter().for_each(|&j| self.blocks[j as usize / ROWS].ends[j as usize % ROWS] += 1);
+            block.entries.iter().for_each(|&(j, _)| self.blocks[j as usize / ROWS].ends[j as usize % ROWS] += 1);
         }
         for block in &mut self.blocks {
             let mut start = 0;
             for end in &mut block.ends {
                 (*end, start) = (start, start + *end);
             }
-            block.columns.resize(start as usize, 0);
-            block.values.resize(start as usize, 0.0);
+            block.entries.resize(start as usize, (0, 0.0));
         }
         for i in 0..other.rows {
-            for (j, value) in other.row(i) {
+            for &(j, value) in other.row(i) {
                 let block = &mut self.blocks[j as usize / ROWS];
                 let at = &mut block.ends[j as usize % ROWS];
-                block.columns[*at as usize] = i as u32;
-                block.values[*at as usize] = value;
+                block.entries[*at as usize] = (i as u32, value);
                 *at += 1;
             }
         }
@@ -202,14 +220,14 @@ impl Rows {
 
     /// The same in slices.
     pub(super) fn slice(&self, sliced: &mut Sliced) {
-        sliced.fill_wide(self.rows, |i, row| self.row(i).for_each(|(j, value)| row.push(j as usize, value, [])));
+        sliced.fill_wide(self.rows, |i, row| self.row(i).iter().for_each(|&(j, value)| row.push(j as usize, value, [])));
     }
 
     /// The same as a square matrix in slices.
     pub(super) fn slice_square(&self, sliced: &mut Sliced) {
         sliced.fill(self.rows, &mut super::super::sliced::Arms::<0>::default(), |i, row| {
             let mut diagonal = 0.0;
-            self.row(i).for_each(|(j, value)| if j as usize == i { diagonal = value } else { row.push(j as usize, -value, []) });
+            self.row(i).iter().for_each(|&(j, value)| if j as usize == i { diagonal = value } else { row.push(j as usize, -value, []) });
             f64::from(diagonal)
         });
     }
@@ -236,11 +254,12 @@ pub(super) fn aggregate(a: &Sliced, strength: f64, aggregate: &mut Vec<u32>) -> 
         }
     }
     // What is left joins the aggregate it is tied to most, of those that are there now: none grows by chains.
-    let whole = count;
+    let (whole, mut ties) = (count, Vec::new());
     for i in 0..n {
         if aggregate[i] == NONE {
             let mut most = (0.0, NONE);
-            for (j, weight) in a.row(i) {
+            a.unpack(i, &mut ties);
+            for &(j, weight) in &ties {
                 let of = aggregate[j as usize];
                 if of < whole && weight.abs() > most.0 {
                     most = (weight.abs(), of);
