@@ -183,7 +183,44 @@ pub(super) mod x86 {
                 (low | high << 8) as u16
             }
         }
+
+        /// Each half is brought together by a permutation, of which there are 256.
+        #[inline(always)]
+        fn keep(bits: u16, but: u32, rows: &[u32; WIDE], to: &mut [u32; WIDE]) -> usize {
+            let mut kept = 0;
+            for (half, rows) in rows.as_chunks::<8>().0.iter().enumerate() {
+                let bits = usize::from(bits >> (8 * half) & 0xff);
+                unsafe {
+                    let rows = _mm256_loadu_si256(rows.as_ptr().cast());
+                    let is_but = _mm256_cmpeq_epi32(rows, _mm256_set1_epi32(but as i32));
+                    let bits = bits & !(_mm256_movemask_ps(_mm256_castsi256_ps(is_but)) as usize);
+                    let order = _mm256_cvtepu8_epi32(_mm_loadl_epi64(TOGETHER[bits].as_ptr().cast()));
+                    // At most eight are kept of the first half: eight more have room behind them.
+                    _mm256_storeu_si256(to.as_mut_ptr().add(kept).cast(), _mm256_permutevar8x32_epi32(rows, order));
+                    kept += bits.count_ones() as usize;
+                }
+            }
+            kept
+        }
     }
+
+    /// For each choice of eight numbers the places of those that are chosen, in order.
+    static TOGETHER: [[u8; 8]; 256] = {
+        let mut all = [[0; 8]; 256];
+        let mut bits = 0;
+        while bits < 256 {
+            let (mut place, mut kept) = (0, 0);
+            while place < 8 {
+                if bits >> place & 1 == 1 {
+                    all[bits][kept] = place as u8;
+                    kept += 1;
+                }
+                place += 1;
+            }
+            bits += 1;
+        }
+        all
+    };
 }
 
 #[cfg(test)]
@@ -201,6 +238,12 @@ mod tests {
             let (x, y) = (L::Singles::from_array(&x), L::Singles::from_array(&y));
             let limit = L::Singles::splat(5.0);
             let rows = std::array::from_fn(|i| 100 + i as u32);
+            for bits in (0..=u16::MAX).step_by(37).chain([u16::MAX]) {
+                let mut to = [0; WIDE];
+                let kept = L::Singles::keep(bits, 109, &rows, &mut to);
+                let chosen = rows.iter().enumerate().filter(|&(i, &row)| bits >> i & 1 == 1 && row != 109).map(|(_, row)| row);
+                assert!(to[..kept].iter().eq(chosen), "{bits:#b}: {:?}", &to[..kept]);
+            }
             for value in [x, y, x.plus(y), x.minus(y), x.times(y), x.times_plus(y, limit)] {
                 let bits = value.below(limit);
                 self.0.push(u32::from(bits));
