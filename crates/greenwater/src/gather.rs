@@ -5,6 +5,10 @@
 //! the same bits. Beside `lanes` the only `unsafe` code of the library: gathers do not check their indices, and the columns of [`Slices`]
 //! are below a bound that every call compares with the length of what it gathers from.
 
+use std::hint::black_box;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
 /// Rows of a slice.
 pub const LANES: usize = 16;
 
@@ -84,6 +88,21 @@ macro_rules! with_entries {
                 $sum
             }
             Columns::Far($columns) => $sum,
+        }
+    };
+}
+
+/// `$run` of the module of a way.
+macro_rules! by {
+    ($way:expr, $run:ident($($argument:expr),*)) => {
+        match $way {
+            // SAFETY: ways are of this processor; columns are below `bound`, which callers compare with the length of `x`, and fit indices.
+            #[cfg(target_arch = "x86_64")]
+            Way::Avx512 => unsafe { avx512::$run($($argument),*) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Way::Avx2 => unsafe { avx2::$run($($argument),*) },
+            Way::Portable => portable::$run($($argument),*),
         }
     };
 }
@@ -201,20 +220,7 @@ impl Slices {
     #[inline]
     pub fn spread<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[f32], out: [&mut [f32]; S]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
-        with_entries!(self, x, |columns| {
-            #[cfg(target_arch = "x86_64")]
-            {
-                if is_x86_feature_detected!("avx512f") {
-                    // SAFETY: the processor has AVX-512F; columns are below `bound`, which is not above `x.len()` nor `i32::MAX`.
-                    return unsafe { avx512::spread_all(self, columns, w, x, out) };
-                }
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: as above, with AVX2.
-                    return unsafe { avx2::spread_all(self, columns, w, x, out) };
-                }
-            }
-            portable::spread_all(self, columns, w, x, out);
-        });
+        with_entries!(self, x, |columns| by!(Way::fastest(), spread_all(self, columns, w, x, out)));
     }
 
     /// `Σ_k Σ_s w_sk x[c_k]_s` of every row.
@@ -222,20 +228,7 @@ impl Slices {
     pub fn join<const S: usize>(&self, w: [&[Lanes<f32>]; S], x: &[[f32; S]], out: &mut [f32]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
         assert!(x.len() * S < i32::MAX as usize, "{} values of {S} numbers do not fit an index", x.len());
-        with_entries!(self, x, |columns| {
-            #[cfg(target_arch = "x86_64")]
-            {
-                if is_x86_feature_detected!("avx512f") {
-                    // SAFETY: as in `spread`; `S` columns fit an index.
-                    return unsafe { avx512::join_all(self, columns, w, x, out) };
-                }
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: as in `spread`; `S` columns fit an index.
-                    return unsafe { avx2::join_all(self, columns, w, x, out) };
-                }
-            }
-            portable::join_all(self, columns, w, x, out);
-        });
+        with_entries!(self, x, |columns| by!(Way::fastest(), join_all(self, columns, w, x, out)));
     }
 
     /// `Σ_k w_k (x[c_k] − own)` of the rows of slice `s` for each of several weights, in double precision.
@@ -244,19 +237,7 @@ impl Slices {
         let range = self.range(s);
         let w = w.map(|w| &w[range.clone()]);
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
-        with_entries!(self, x, |columns| {
-            #[cfg(target_arch = "x86_64")]
-            if is_x86_feature_detected!("avx512f") {
-                // SAFETY: as in `spread`.
-                return unsafe { avx512::rise(&columns[range], w, x, own) };
-            }
-            #[cfg(target_arch = "x86_64")]
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: as in `spread`.
-                return unsafe { avx2::rise(&columns[range], w, x, own) };
-            }
-            portable::rise(&columns[range], w, x, own)
-        })
+        with_entries!(self, x, |columns| by!(Way::fastest(), rise(&columns[range], w, x, own)))
     }
 
     /// `Σ_k (x[c_k]_i − own_i) w_jk` of the rows of slice `s` for all `i` and `j`, in double precision.
@@ -266,39 +247,14 @@ impl Slices {
         let w = w.map(|w| &w[range.clone()]);
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
         assert!(x.len() * S < i32::MAX as usize, "{} values of {S} numbers do not fit an index", x.len());
-        with_entries!(self, x, |columns| {
-            #[cfg(target_arch = "x86_64")]
-            if is_x86_feature_detected!("avx512f") {
-                // SAFETY: as in `spread`; `S` columns fit an index.
-                return unsafe { avx512::strain(&columns[range], w, x, own) };
-            }
-            #[cfg(target_arch = "x86_64")]
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: as in `spread`.
-                return unsafe { avx2::strain(&columns[range], w, x, own) };
-            }
-            portable::strain(&columns[range], w, x, own)
-        })
+        with_entries!(self, x, |columns| by!(Way::fastest(), strain(&columns[range], w, x, own)))
     }
 
     /// `Σ_k w_k x[c_k]` of every row, summed in double precision.
     #[inline]
     pub fn sum(&self, w: &[Lanes<f32>], x: &[f64], out: &mut [f64]) {
         assert!(x.len() >= self.bound, "columns up to {} of {} values", self.bound, x.len());
-        with_entries!(self, x, |columns| {
-            #[cfg(target_arch = "x86_64")]
-            {
-                if is_x86_feature_detected!("avx512f") {
-                    // SAFETY: as in `spread`.
-                    return unsafe { avx512::sum_all(self, columns, w, x, out) };
-                }
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: as in `spread`.
-                    return unsafe { avx2::sum_all(self, columns, w, x, out) };
-                }
-            }
-            portable::sum_all(self, columns, w, x, out);
-        });
+        with_entries!(self, x, |columns| by!(Way::fastest(), sum_all(self, columns, w, x, out)));
     }
 }
 
@@ -312,6 +268,102 @@ fn unpack<C: Entry>(columns: &[C], low: u32, w: &[Lanes<f32>], lane: usize, entr
         count += usize::from(weight != 0.0);
     }
     entries.truncate(count);
+}
+
+/// What sums are made with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    /// Gathers and sums of AVX-512.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    /// Numbers loaded one by one, sums of AVX2.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    Portable,
+}
+
+impl Way {
+    /// Those of this machine.
+    fn available() -> Vec<Self> {
+        let mut ways = Vec::new();
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx2") {
+                ways.push(Self::Avx512);
+            }
+            if is_x86_feature_detected!("avx2") {
+                ways.push(Self::Avx2);
+            }
+        }
+        ways.push(Self::Portable);
+        ways
+    }
+
+    /// The one that is fastest here. What gathers cost differs several times between processors that have them, so that a clock chooses, once
+    /// and in about a millisecond; it may, because all ways give the same bits.
+    #[inline(always)]
+    fn fastest() -> Self {
+        static FASTEST: OnceLock<Way> = OnceLock::new();
+        *FASTEST.get_or_init(|| Trial::new().choose(&Self::available()))
+    }
+}
+
+/// Sums as `isph` has them in a plane, to tell the ways apart by.
+struct Trial {
+    slices: Slices,
+    weights: [Vec<Lanes<f32>>; 2],
+}
+
+impl Trial {
+    const SLICES: usize = 64;
+    const ENTRIES: usize = 20;
+
+    /// Rows whose columns lie around them.
+    fn new() -> Self {
+        let (mut slices, rows) = (Slices::default(), Self::SLICES * LANES);
+        for first in (0..rows).step_by(LANES) {
+            for k in 0..Self::ENTRIES {
+                slices.grow(first as u32);
+                let entry = slices.entries() - 1;
+                (0..LANES).for_each(|lane| slices.set(entry, lane, ((first + lane + 37 * k) % rows) as u32));
+            }
+            slices.close();
+        }
+        let weight = vec![Lanes([0.5; LANES]); Self::SLICES * Self::ENTRIES];
+        Self { slices, weights: [weight.clone(), weight] }
+    }
+
+    fn run(&self, way: Way) {
+        let Self { slices, weights } = self;
+        let rows = Self::SLICES * LANES;
+        let (one, two, wide) = (vec![1.0; rows], vec![[1.0; 2]; rows], vec![[1.0; 2]; rows]);
+        let (mut out, w) = (vec![0.0; rows], [weights[0].as_slice(), weights[1].as_slice()]);
+        // Rows are fewer than two bytes tell apart.
+        if let Columns::Near(_, columns) = &slices.columns {
+            by!(way, spread_all(slices, columns, [w[0]], &one, [&mut out]));
+            by!(way, join_all(slices, columns, w, &two, &mut out));
+            for s in 0..Self::SLICES {
+                let (range, own) = (slices.range(s), [Lanes([0.0; LANES]); 2]);
+                let w = w.map(|w| &w[range.clone()]);
+                black_box(by!(way, strain(&columns[range], w, &wide, &own)));
+            }
+        }
+        black_box(out);
+    }
+
+    /// The way whose quickest run of several is the quickest.
+    fn choose(&self, ways: &[Way]) -> Way {
+        let mut least = vec![Duration::MAX; ways.len()];
+        for _ in 0..5 {
+            for (&way, least) in ways.iter().zip(&mut least) {
+                let start = Instant::now();
+                self.run(way);
+                *least = start.elapsed().min(*least);
+            }
+        }
+        let quickest = (0..ways.len()).min_by_key(|&i| least[i]);
+        quickest.map_or(Way::Portable, |i| ways[i])
+    }
 }
 
 /// Loops over all slices, compiled for the instructions of the functions they call.
@@ -947,31 +999,29 @@ mod tests {
             run(&mut a, &mut b, &mut c, &mut d);
             (a, b, c, d)
         };
-        let expected = results(&|a, b, c, d| {
-            portable::spread_all(slices, columns, w, &x[low..], [a, b]);
-            portable::join_all(slices, columns, w, &pairs[low..], c);
-            portable::sum_all(slices, columns, w[0], &wide[low..], d);
-        });
-        let best = results(&|a, b, c, d| {
+        let by_way = |way: Way| {
+            results(&|a, b, c, d| {
+                by!(way, spread_all(slices, columns, w, &x[low..], [a, b]));
+                by!(way, join_all(slices, columns, w, &pairs[low..], c));
+                by!(way, sum_all(slices, columns, w[0], &wide[low..], d));
+            })
+        };
+        let own = [Lanes([0.25; LANES]), Lanes(std::array::from_fn(|lane| lane as f64))];
+        let wide_pairs: Vec<[f64; 2]> = pairs.iter().map(|pair| pair.map(f64::from)).collect();
+        let expected = by_way(Way::Portable);
+        for way in Way::available() {
+            assert_eq!(by_way(way), expected, "{way:?}");
+            let rise = by!(way, rise(columns, w, &wide[low..], &own[1]));
+            assert_eq!(rise, portable::rise(columns, w, &wide[low..], &own[1]), "{way:?}");
+            let strain = by!(way, strain(columns, w, &wide_pairs[low..], &own));
+            assert_eq!(strain, portable::strain(columns, w, &wide_pairs[low..], &own), "{way:?}");
+        }
+        let fastest = results(&|a, b, c, d| {
             slices.spread(w, &x, [a, b]);
             slices.join(w, &pairs, c);
             slices.sum(w[0], &wide, d);
         });
-        assert_eq!(best, expected);
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            let found = results(&|a, b, c, d| {
-                // SAFETY: the processor has AVX2, and columns are below the number of values.
-                unsafe {
-                    avx2::spread_all(slices, columns, w, &x[low..], [a, b]);
-                    avx2::join_all(slices, columns, w, &pairs[low..], c);
-                    avx2::sum_all(slices, columns, w[0], &wide[low..], d);
-                }
-            });
-            assert_eq!(found, expected);
-        }
-        let own = [Lanes([0.25; LANES]), Lanes(std::array::from_fn(|lane| lane as f64))];
-        let wide_pairs: Vec<[f64; 2]> = pairs.iter().map(|pair| pair.map(f64::from)).collect();
+        assert_eq!(fastest, expected);
         assert_eq!(slices.rise(0, w, &wide, &own[1]), portable::rise(columns, w, &wide[low..], &own[1]));
         assert_eq!(slices.strain(0, w, &wide_pairs, &own), portable::strain(columns, w, &wide_pairs[low..], &own));
         let sum: f32 = slices.row(0, 3).zip(w[0]).map(|(column, w)| w.0[3] * x[column as usize]).sum();
@@ -980,6 +1030,17 @@ mod tests {
         slices.unpack(0, 3, w[0], &mut unpacked);
         let entries = slices.row(0, 3).zip(w[0]).map(|(column, w)| (column, w.0[3]));
         assert!(unpacked.iter().copied().eq(entries.filter(|&(_, w)| w != 0.0)), "{unpacked:?}");
+    }
+
+    #[test]
+    fn the_way_is_one_of_this_machine() {
+        let trial = Trial::new();
+        assert!(
+            matches!(&trial.slices.columns, Columns::Near(0, columns) if columns.len() == Trial::SLICES * Trial::ENTRIES),
+            "nothing is timed"
+        );
+        assert_eq!(trial.choose(&[Way::Portable]), Way::Portable);
+        assert!(Way::available().contains(&trial.choose(&Way::available())));
     }
 
     #[test]
