@@ -299,8 +299,8 @@ impl Way {
         ways
     }
 
-    /// The one that is fastest here. What gathers cost differs several times between processors that have them, so that a clock chooses, once
-    /// and in about a millisecond; it may, because all ways give the same bits.
+    /// The one that is fastest here. What gathers cost differs several times between processors that have them, so that a clock chooses,
+    /// once; it may, because all ways give the same bits.
     #[inline(always)]
     fn fastest() -> Self {
         static FASTEST: OnceLock<Way> = OnceLock::new();
