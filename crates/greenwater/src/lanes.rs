@@ -1,9 +1,9 @@
 //! Eight numbers at once: arithmetic with the vector units of the machine. Beside `gather` the only code that knows instruction sets,
 //! and the only one with `unsafe`.
 //!
-//! Formulas are written once, over [`Real`], and run on one number (`f64`) or on eight of them. Sums over pairs take eight
-//! neighbours at a time on every machine and add the lanes up in one order; where a product is fused with a sum it is so on every
-//! machine: all instruction sets give the same bits.
+//! Formulas are written once, over [`Real`], and run on one number (`f64`) or on several of them. Sums over pairs take eight
+//! neighbours at a time on every machine, where registers are short half after half, and add the lanes up in one order; where a
+//! product is fused with a sum it is so on every machine: all instruction sets give the same bits.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -13,7 +13,7 @@ pub(crate) mod singles;
 
 use singles::{Singles, WIDE};
 
-/// Numbers in a vector.
+/// Neighbours that lists keep together, and numbers in a record.
 pub(crate) const LANES: usize = 8;
 
 /// A number, or several that go through the same arithmetic.
@@ -139,10 +139,10 @@ pub(crate) struct Octets {
     bound: Option<usize>,
 }
 
-/// Eight rows of records that are there.
+/// Rows of records that are there: eight, or as many as a vector holds.
 #[derive(Clone, Copy)]
-pub(crate) struct Eight<'a> {
-    rows: &'a [u32; LANES],
+pub(crate) struct Listed<'a> {
+    rows: &'a [u32],
     /// More than any of the rows.
     records: &'a [Record],
 }
@@ -223,10 +223,10 @@ impl Octets {
     /// # Panics
     /// A row, of this range or not, is beyond the records.
     #[inline(always)]
-    pub fn of<'a>(&'a self, range: std::ops::Range<usize>, records: &'a [Record]) -> impl Iterator<Item = Eight<'a>> {
+    pub fn of<'a>(&'a self, range: std::ops::Range<usize>, records: &'a [Record]) -> impl Iterator<Item = Listed<'a>> {
         let bound = self.bound.expect("lists are written to their end");
         assert!(bound <= records.len(), "rows up to {bound} of {} records", records.len());
-        self.rows()[range].as_chunks().0.iter().map(move |rows| Eight { rows, records })
+        self.rows()[range].as_chunks::<LANES>().0.iter().map(move |rows| Listed { rows, records })
     }
 
     /// Memory held, bytes.
@@ -235,41 +235,96 @@ impl Octets {
     }
 }
 
-impl<'a> Eight<'a> {
+impl<'a> Listed<'a> {
     /// The rows.
     #[inline(always)]
-    pub fn rows(self) -> &'a [u32; LANES] {
+    pub fn rows(self) -> &'a [u32] {
         self.rows
+    }
+
+    /// Those of the vector `part` of them.
+    ///
+    /// # Panics
+    /// There are not so many.
+    #[inline(always)]
+    pub fn part<L: Lanes>(self, part: usize) -> Self {
+        Self { rows: &self.rows[part * L::COUNT..][..L::COUNT], ..self }
+    }
+
+    /// The rows as an array.
+    #[inline(always)]
+    fn exactly<const N: usize>(self) -> &'a [u32; N] {
+        self.rows.try_into().expect("as many rows as the vector holds")
     }
 }
 
-/// A vector of [`LANES`] numbers.
+/// A vector of [`COUNT`](Self::COUNT) numbers.
 pub(crate) trait Lanes: Real {
+    /// Numbers in it: [`LANES`], or half of them.
+    const COUNT: usize;
+
     /// What the same instructions make of single precision.
     type Singles: Singles;
 
-    /// The numbers in order.
+    /// The numbers in order, as many as it holds.
     fn from_array(x: [f64; LANES]) -> Self;
 
-    /// The numbers in order.
+    /// The numbers in order, and zeros where it holds no more.
     fn to_array(self) -> [f64; LANES];
 
-    /// Field by field, what eight records hold.
-    fn gather(eight: Eight<'_>) -> [Self; LANES];
+    /// Field by field, what as many records hold.
+    ///
+    /// # Panics
+    /// More rows or fewer.
+    fn gather(listed: Listed<'_>) -> [Self; LANES];
 
-    /// Number by number, what eight fours in single precision hold.
+    /// Number by number, what as many fours in single precision hold.
     fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4];
 
-    /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))`.
+    /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))` or `(0+2) + (1+3)`.
     fn total(self) -> f64;
 
-    /// The entries of a column at eight `rows`.
+    /// The entries of a column at as many `rows`.
     ///
     /// # Panics
     /// A row beyond the column.
     #[inline(always)]
-    fn pick(column: &[f64], rows: &[u32; LANES]) -> Self {
-        Self::from_array(std::array::from_fn(|i| column[rows[i] as usize]))
+    fn pick(column: &[f64], rows: &[u32]) -> Self {
+        let mut entries = [0.0; LANES];
+        for lane in 0..Self::COUNT {
+            entries[lane] = column[rows[lane] as usize];
+        }
+        Self::from_array(entries)
+    }
+}
+
+/// What is added up lane by lane.
+pub(crate) trait Totals: Copy {
+    /// That of eight neighbours whose halves were added up apart, lane by lane.
+    fn joined(self, high: Self) -> Self;
+}
+
+impl<L: Lanes> Totals for L {
+    #[inline(always)]
+    fn joined(self, high: Self) -> Self {
+        self + high
+    }
+}
+
+impl<T: Totals, const N: usize> Totals for [T; N] {
+    #[inline(always)]
+    fn joined(mut self, high: Self) -> Self {
+        for i in 0..N {
+            self[i] = self[i].joined(high[i]);
+        }
+        self
+    }
+}
+
+impl<T: Totals, U: Totals> Totals for (T, U) {
+    #[inline(always)]
+    fn joined(self, high: Self) -> Self {
+        (self.0.joined(high.0), self.1.joined(high.1))
     }
 }
 
@@ -395,6 +450,7 @@ impl Real for Portable {
 
 impl Lanes for Portable {
     type Singles = [f32; WIDE];
+    const COUNT: usize = LANES;
 
     #[inline(always)]
     fn from_array(x: [f64; LANES]) -> Self {
@@ -407,8 +463,8 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn gather(eight: Eight<'_>) -> [Self; LANES] {
-        let of = eight.rows.map(|row| &eight.records[row as usize].0);
+    fn gather(listed: Listed<'_>) -> [Self; LANES] {
+        let of = listed.exactly().map(|row| &listed.records[row as usize].0);
         std::array::from_fn(|field| Self(of.map(|record| record[field])))
     }
 
@@ -427,14 +483,14 @@ impl Lanes for Portable {
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     //! SAFETY of every block below: values of these types are made only inside [`super::dispatch`], behind a test that the machine
-    //! has the instructions; loads are from references to arrays of the right size, or from the records of an [`Eight`], whose rows are
+    //! has the instructions; loads are from references to arrays of the right size, or from the records of a [`Listed`], whose rows are
     //! below their number: only [`super::Octets::of`] makes one.
 
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
     use super::singles::x86::{Wide256, Wide512};
-    use super::{Eight, LANES, Lanes, Real, Record};
+    use super::{LANES, Lanes, Listed, Real, Record};
 
     /// One register of AVX-512.
     #[derive(Clone, Copy, Debug)]
@@ -515,6 +571,7 @@ mod x86 {
 
     impl Lanes for Avx512 {
         type Singles = Wide512;
+        const COUNT: usize = LANES;
 
         #[inline(always)]
         fn from_array(x: [f64; LANES]) -> Self {
@@ -530,10 +587,11 @@ mod x86 {
 
         /// Halves of two records share a register, so that three rounds of shuffles put eight fields in order.
         #[inline(always)]
-        fn gather(Eight { rows, records }: Eight<'_>) -> [Self; LANES] {
+        fn gather(listed: Listed<'_>) -> [Self; LANES] {
+            let rows = listed.exactly();
             unsafe {
-                let [a, b, c, d] = four_fields::<0>(records, rows);
-                let [e, f, g, h] = four_fields::<4>(records, rows);
+                let [a, b, c, d] = four_fields::<0>(listed.records, rows);
+                let [e, f, g, h] = four_fields::<4>(listed.records, rows);
                 [a, b, c, d, e, f, g, h]
             }
         }
@@ -579,11 +637,6 @@ mod x86 {
         unsafe { _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(_mm_loadu_ps(low.as_ptr())), _mm_loadu_ps(high.as_ptr())) }
     }
 
-    #[inline(always)]
-    unsafe fn widened(x: __m256) -> Avx2 {
-        unsafe { Avx2(_mm256_cvtps_pd(_mm256_castps256_ps128(x)), _mm256_cvtps_pd(_mm256_extractf128_ps::<1>(x))) }
-    }
-
     /// Four fields from `FROM` on of the records `low` and `high`, one behind the other.
     #[inline(always)]
     unsafe fn two_halves<const FROM: usize>(records: &[Record], low: u32, high: u32) -> __m512d {
@@ -620,97 +673,94 @@ mod x86 {
         }
     }
 
-    /// Four fields from `FROM` on of the records of four rows from `FIRST` on, turned.
+    /// Four fields from `FROM` on of four records, turned.
     #[inline(always)]
-    unsafe fn four_by_four<const FIRST: usize, const FROM: usize>(records: &[Record], rows: &[u32; LANES]) -> [__m256d; 4] {
+    unsafe fn four_by_four<const FROM: usize>(records: &[Record], rows: &[u32; 4]) -> [Avx2; 4] {
         unsafe {
-            let a = _mm256_load_pd(records.get_unchecked(rows[FIRST] as usize).0.as_ptr().add(FROM));
-            let b = _mm256_load_pd(records.get_unchecked(rows[FIRST + 1] as usize).0.as_ptr().add(FROM));
-            let c = _mm256_load_pd(records.get_unchecked(rows[FIRST + 2] as usize).0.as_ptr().add(FROM));
-            let d = _mm256_load_pd(records.get_unchecked(rows[FIRST + 3] as usize).0.as_ptr().add(FROM));
+            let a = _mm256_load_pd(records.get_unchecked(rows[0] as usize).0.as_ptr().add(FROM));
+            let b = _mm256_load_pd(records.get_unchecked(rows[1] as usize).0.as_ptr().add(FROM));
+            let c = _mm256_load_pd(records.get_unchecked(rows[2] as usize).0.as_ptr().add(FROM));
+            let d = _mm256_load_pd(records.get_unchecked(rows[3] as usize).0.as_ptr().add(FROM));
             let (even, odd) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
             let (even_high, odd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
             [
-                _mm256_permute2f128_pd::<0x20>(even, even_high),
-                _mm256_permute2f128_pd::<0x20>(odd, odd_high),
-                _mm256_permute2f128_pd::<0x31>(even, even_high),
-                _mm256_permute2f128_pd::<0x31>(odd, odd_high),
+                Avx2(_mm256_permute2f128_pd::<0x20>(even, even_high)),
+                Avx2(_mm256_permute2f128_pd::<0x20>(odd, odd_high)),
+                Avx2(_mm256_permute2f128_pd::<0x31>(even, even_high)),
+                Avx2(_mm256_permute2f128_pd::<0x31>(odd, odd_high)),
             ]
         }
     }
 
-    /// Two registers of AVX2: lanes 0 to 3 and 4 to 7.
+    /// One register of AVX2.
     #[derive(Clone, Copy, Debug)]
-    pub(crate) struct Avx2(__m256d, __m256d);
+    pub(crate) struct Avx2(__m256d);
 
     impl Avx2 {
         #[inline(always)]
         fn plus(self, other: Self) -> Self {
-            unsafe { Self(_mm256_add_pd(self.0, other.0), _mm256_add_pd(self.1, other.1)) }
+            Self(unsafe { _mm256_add_pd(self.0, other.0) })
         }
 
         #[inline(always)]
         fn minus(self, other: Self) -> Self {
-            unsafe { Self(_mm256_sub_pd(self.0, other.0), _mm256_sub_pd(self.1, other.1)) }
+            Self(unsafe { _mm256_sub_pd(self.0, other.0) })
         }
 
         #[inline(always)]
         fn times(self, other: Self) -> Self {
-            unsafe { Self(_mm256_mul_pd(self.0, other.0), _mm256_mul_pd(self.1, other.1)) }
+            Self(unsafe { _mm256_mul_pd(self.0, other.0) })
         }
 
         #[inline(always)]
         fn over(self, other: Self) -> Self {
-            unsafe { Self(_mm256_div_pd(self.0, other.0), _mm256_div_pd(self.1, other.1)) }
+            Self(unsafe { _mm256_div_pd(self.0, other.0) })
         }
     }
 
     operators!(Avx2);
 
     impl Real for Avx2 {
-        type Mask = (__m256d, __m256d);
+        type Mask = __m256d;
 
         #[inline(always)]
         fn splat(x: f64) -> Self {
-            unsafe { Self(_mm256_set1_pd(x), _mm256_set1_pd(x)) }
+            Self(unsafe { _mm256_set1_pd(x) })
         }
 
         #[inline(always)]
         fn root(self) -> Self {
-            unsafe { Self(_mm256_sqrt_pd(self.0), _mm256_sqrt_pd(self.1)) }
+            Self(unsafe { _mm256_sqrt_pd(self.0) })
         }
 
         #[inline(always)]
         fn times_plus(self, factor: Self, term: Self) -> Self {
-            unsafe { Self(_mm256_fmadd_pd(self.0, factor.0, term.0), _mm256_fmadd_pd(self.1, factor.1, term.1)) }
+            Self(unsafe { _mm256_fmadd_pd(self.0, factor.0, term.0) })
         }
 
         #[inline(always)]
         fn size(self) -> Self {
-            unsafe {
-                let sign = _mm256_set1_pd(-0.0);
-                Self(_mm256_andnot_pd(sign, self.0), _mm256_andnot_pd(sign, self.1))
-            }
+            Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
         }
 
         #[inline(always)]
         fn at_least(self, other: Self) -> Self {
-            unsafe { Self(_mm256_max_pd(self.0, other.0), _mm256_max_pd(self.1, other.1)) }
+            Self(unsafe { _mm256_max_pd(self.0, other.0) })
         }
 
         #[inline(always)]
         fn at_most(self, other: Self) -> Self {
-            unsafe { Self(_mm256_min_pd(self.0, other.0), _mm256_min_pd(self.1, other.1)) }
+            Self(unsafe { _mm256_min_pd(self.0, other.0) })
         }
 
         #[inline(always)]
-        fn below(self, other: Self) -> Self::Mask {
-            unsafe { (_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0), _mm256_cmp_pd::<_CMP_LT_OQ>(self.1, other.1)) }
+        fn below(self, other: Self) -> __m256d {
+            unsafe { _mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0) }
         }
 
         #[inline(always)]
-        fn choose(mask: Self::Mask, yes: Self, no: Self) -> Self {
-            unsafe { Self(_mm256_blendv_pd(no.0, yes.0, mask.0), _mm256_blendv_pd(no.1, yes.1, mask.1)) }
+        fn choose(mask: __m256d, yes: Self, no: Self) -> Self {
+            Self(unsafe { _mm256_blendv_pd(no.0, yes.0, mask) })
         }
 
         #[inline(always)]
@@ -721,51 +771,49 @@ mod x86 {
 
     impl Lanes for Avx2 {
         type Singles = Wide256;
+        const COUNT: usize = 4;
 
         #[inline(always)]
         fn from_array(x: [f64; LANES]) -> Self {
-            unsafe { Self(_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x.as_ptr().add(4))) }
+            Self(unsafe { _mm256_loadu_pd(x.as_ptr()) })
         }
 
         #[inline(always)]
         fn to_array(self) -> [f64; LANES] {
             let mut x = [0.0; LANES];
-            unsafe {
-                _mm256_storeu_pd(x.as_mut_ptr(), self.0);
-                _mm256_storeu_pd(x.as_mut_ptr().add(4), self.1);
-            }
+            unsafe { _mm256_storeu_pd(x.as_mut_ptr(), self.0) };
             x
         }
 
         #[inline(always)]
-        fn gather(Eight { rows, records }: Eight<'_>) -> [Self; LANES] {
+        fn gather(listed: Listed<'_>) -> [Self; LANES] {
+            let rows = listed.exactly();
             unsafe {
-                let (a, b) = (four_by_four::<0, 0>(records, rows), four_by_four::<4, 0>(records, rows));
-                let (c, d) = (four_by_four::<0, 4>(records, rows), four_by_four::<4, 4>(records, rows));
+                let [a, b, c, d] = four_by_four::<0>(listed.records, rows);
+                let [e, f, g, h] = four_by_four::<4>(listed.records, rows);
+                [a, b, c, d, e, f, g, h]
+            }
+        }
+
+        #[inline(always)]
+        fn turn([a, b, c, d, ..]: [&[f32; 4]; LANES]) -> [Self; 4] {
+            unsafe {
+                let (a, b) = (_mm_loadu_ps(a.as_ptr()), _mm_loadu_ps(b.as_ptr()));
+                let (c, d) = (_mm_loadu_ps(c.as_ptr()), _mm_loadu_ps(d.as_ptr()));
+                let (ab, cd) = (_mm_unpacklo_ps(a, b), _mm_unpacklo_ps(c, d));
+                let (ba, dc) = (_mm_unpackhi_ps(a, b), _mm_unpackhi_ps(c, d));
                 [
-                    Self(a[0], b[0]),
-                    Self(a[1], b[1]),
-                    Self(a[2], b[2]),
-                    Self(a[3], b[3]),
-                    Self(c[0], d[0]),
-                    Self(c[1], d[1]),
-                    Self(c[2], d[2]),
-                    Self(c[3], d[3]),
+                    Self(_mm256_cvtps_pd(_mm_movelh_ps(ab, cd))),
+                    Self(_mm256_cvtps_pd(_mm_movehl_ps(cd, ab))),
+                    Self(_mm256_cvtps_pd(_mm_movelh_ps(ba, dc))),
+                    Self(_mm256_cvtps_pd(_mm_movehl_ps(dc, ba))),
                 ]
             }
         }
 
         #[inline(always)]
-        fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4] {
-            unsafe {
-                let [a, b, c, d] = turned_fours(fours);
-                [widened(a), widened(b), widened(c), widened(d)]
-            }
-        }
-
-        #[inline(always)]
         fn total(self) -> f64 {
-            unsafe { total_of_four(_mm256_add_pd(self.0, self.1)) }
+            unsafe { total_of_four(self.0) }
         }
     }
 }
@@ -990,39 +1038,42 @@ mod tests {
         fn run<L: Lanes>(self) {
             let rows = [3, 0, 2, 1, 3, 3, 0, 2];
             let octets = listed(&rows);
-            let fields = L::gather(octets.of(0..LANES, self.records).next().unwrap());
-            for field in fields {
-                self.out.extend(field.to_array());
+            let eight = octets.of(0..LANES, self.records).next().unwrap();
+            let parts: Vec<Vec<L>> = (0..LANES / L::COUNT).map(|part| everything(eight.part::<L>(part), part * L::COUNT)).collect();
+            for i in 0..parts[0].len() {
+                parts.iter().for_each(|part| self.out.extend(&part[i].to_array()[..L::COUNT]));
+                let sum = if L::COUNT == LANES { parts[0][i] } else { parts[0][i].joined(parts[1][i]) };
+                self.out.push(sum.total());
             }
-            let fours: [[f32; 4]; LANES] = std::array::from_fn(|lane| std::array::from_fn(|i| (10 * lane + i) as f32));
-            for (i, number) in L::turn(fours.each_ref()).into_iter().enumerate() {
-                assert_eq!(number.to_array(), std::array::from_fn(|lane| (10 * lane + i) as f64));
-            }
-            let [a, b, ..] = fields;
-            let mask = a.below(b);
-            for value in [
-                a + b,
-                a - b,
-                a * b,
-                a / b,
-                -a,
-                a + 1.5,
-                a - 1.5,
-                a * 1.5,
-                (a * a).root(),
-                a.at_least(b),
-                a.at_most(b),
-                a.size(),
-                a.times_plus(b, -a),
-            ] {
-                self.out.extend(value.to_array());
-                self.out.push(value.total());
-            }
-            self.out.extend(L::choose(mask, a, b).to_array());
-            self.out.extend(a.each(|x| x.abs() + 1.0).to_array());
-            self.out.extend(L::pick(&[1.0, 2.0, 3.0, 4.0], &rows).to_array());
-            self.out.extend(L::splat(0.1).to_array());
         }
+    }
+
+    /// The same, for as many records as a vector holds; their place among the eight is `first`.
+    fn everything<L: Lanes>(listed: Listed<'_>, first: usize) -> Vec<L> {
+        let fields = L::gather(listed);
+        let fours: [[f32; 4]; LANES] = std::array::from_fn(|lane| std::array::from_fn(|i| (10 * (first + lane) + i) as f32));
+        let turned = L::turn(fours.each_ref());
+        let [a, b, ..] = fields;
+        let results = [
+            a + b,
+            a - b,
+            a * b,
+            a / b,
+            -a,
+            a + 1.5,
+            a - 1.5,
+            a * 1.5,
+            (a * a).root(),
+            a.at_least(b),
+            a.at_most(b),
+            a.size(),
+            a.times_plus(b, -a),
+            L::choose(a.below(b), a, b),
+            a.each(|x| x.abs() + 1.0),
+            L::pick(&[1.0, 2.0, 3.0, 4.0], listed.rows()),
+            L::splat(0.1),
+        ];
+        fields.into_iter().chain(turned).chain(results).collect()
     }
 
     fn all_of(set: InstructionSet) -> Vec<u64> {
@@ -1039,6 +1090,14 @@ mod tests {
         let portable = all_of(InstructionSet::Portable);
         for set in InstructionSet::available() {
             assert_eq!(all_of(set), portable, "{}", set.name());
+        }
+    }
+
+    #[test]
+    fn fours_are_turned_number_by_number() {
+        let fours: [[f32; 4]; LANES] = std::array::from_fn(|lane| std::array::from_fn(|i| (10 * lane + i) as f32));
+        for (i, number) in Portable::turn(fours.each_ref()).into_iter().enumerate() {
+            assert_eq!(number.0, std::array::from_fn(|lane| (10 * lane + i) as f64));
         }
     }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::lanes::singles::{Singles, WIDE};
-use crate::lanes::{Eight, InstructionSet, Job, LANES, Lanes, Octets, Record, dispatch};
+use crate::lanes::{InstructionSet, Job, LANES, Lanes, Listed, Octets, Record, Totals, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 use crate::sweep::{BLOCK, replace, sweep, trim};
@@ -92,10 +92,10 @@ impl Segment {
     }
 }
 
-/// Eight neighbours of a particle.
-pub(crate) struct Octet<'a, L, const D: usize> {
-    /// Their rows; one behind all particles where there are no eight.
-    pub rows: &'a [u32; LANES],
+/// Neighbours of a particle, as many as a vector holds.
+pub(crate) struct Group<'a, L, const D: usize> {
+    /// Their rows; one behind all particles where there are no more.
+    pub rows: &'a [u32],
     /// Their records.
     pub fields: [L; LANES],
     /// `x_a − x_b`, m.
@@ -106,17 +106,32 @@ pub(crate) struct Octet<'a, L, const D: usize> {
     pub r: L,
 }
 
-/// A term of a sum over neighbours, for eight of them; every method must be `#[inline(always)]`. Nothing may come of a neighbour
+impl<'a, L: Lanes, const D: usize> Group<'a, L, D> {
+    /// Those that are `listed` beside the particle of the record `own`.
+    #[inline(always)]
+    fn of(own: &Record, listed: Listed<'a>) -> Self {
+        let fields = L::gather(listed);
+        let mut x_ab = [L::splat(0.0); D];
+        let mut square = L::splat(0.0);
+        for d in 0..D {
+            x_ab[d] = L::splat(own.0[d]) - fields[d];
+            square = x_ab[d].times_plus(x_ab[d], square);
+        }
+        Self { rows: listed.rows(), fields, x_ab, square, r: square.root() }
+    }
+}
+
+/// A term of a sum over neighbours, for several of them; every method must be `#[inline(always)]`. Nothing may come of a neighbour
 /// farther away than the kernel reaches.
 pub(crate) trait Term<L: Lanes, const D: usize> {
     /// What is added up.
-    type Totals;
+    type Totals: Totals;
 
     /// A sum without terms.
     fn nothing(&self) -> Self::Totals;
 
-    /// Adds the terms of eight neighbours, lane by lane.
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Self::Totals);
+    /// Adds the terms of neighbours, lane by lane.
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut Self::Totals);
 }
 
 /// What is found for each row and each of its pairs; `row` must be `#[inline(always)]`, see [`Job`].
@@ -265,7 +280,7 @@ impl<const D: usize> Neighbors<D> {
 
     /// The neighbours of `a` by eights, the last ones filled up, in `records`.
     #[inline(always)]
-    fn octets<'a>(&'a self, a: usize, records: &'a [Record]) -> impl Iterator<Item = Eight<'a>> {
+    fn octets<'a>(&'a self, a: usize, records: &'a [Record]) -> impl Iterator<Item = Listed<'a>> {
         let segment = &self.segments[a / BLOCK];
         let range = segment.range(a % BLOCK);
         segment.list.of(range.start..range.end.next_multiple_of(LANES), records)
@@ -275,19 +290,19 @@ impl<const D: usize> Neighbors<D> {
     /// [`NOBODY`] at the end, positions in the first fields.
     #[inline(always)]
     pub(crate) fn sum<L: Lanes, T: Term<L, D>>(&self, a: usize, records: &[Record], term: &T) -> T::Totals {
-        let own = records[a].0;
         let mut totals = term.nothing();
-        for eight in self.octets(a, records) {
-            let fields = L::gather(eight);
-            let mut x_ab = [L::splat(0.0); D];
-            let mut square = L::splat(0.0);
-            for d in 0..D {
-                x_ab[d] = L::splat(own[d]) - fields[d];
-                square = x_ab[d].times_plus(x_ab[d], square);
+        if L::COUNT == LANES {
+            for eight in self.octets(a, records) {
+                term.add(&Group::of(&records[a], eight), &mut totals);
             }
-            term.add(&Octet { rows: eight.rows(), fields, x_ab, square, r: square.root() }, &mut totals);
+            return totals;
         }
-        totals
+        let mut high = term.nothing();
+        for eight in self.octets(a, records) {
+            term.add(&Group::of(&records[a], eight.part::<L>(0)), &mut totals);
+            term.add(&Group::of(&records[a], eight.part::<L>(1)), &mut high);
+        }
+        totals.joined(high)
     }
 
     /// Calls `each` with every neighbour of `a`, always in the same order.

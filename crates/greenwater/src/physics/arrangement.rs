@@ -5,9 +5,9 @@ use std::cell::RefCell;
 use super::lattice::Lattice;
 use super::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, scaled, splat, totals};
 use crate::kernel::Kernel;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, Totals};
 use crate::math::{Matrix, Vector, identity, inverse, smallest_eigenvalue, transform};
-use crate::neighbors::{Neighbors, Octet, PairColumn, Term};
+use crate::neighbors::{Group, Neighbors, PairColumn, Term};
 
 /// Where a particle is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -278,6 +278,7 @@ struct Around<'a, K, L, const D: usize> {
 }
 
 /// Lanes of [`Around`].
+#[derive(Clone, Copy)]
 struct Sums<L, const D: usize> {
     filling: L,
     spread: L,
@@ -289,6 +290,23 @@ struct Sums<L, const D: usize> {
     change: [[L; D]; D],
     moment: [[L; D]; D],
     known: [[L; D]; D],
+}
+
+impl<L: Lanes, const D: usize> Totals for Sums<L, D> {
+    #[inline(always)]
+    fn joined(self, high: Self) -> Self {
+        Self {
+            filling: self.filling.joined(high.filling),
+            spread: self.spread.joined(high.spread),
+            links: self.links.joined(high.links),
+            slope: self.slope.joined(high.slope),
+            crowding: self.crowding.joined(high.crowding),
+            off_walls: self.off_walls.joined(high.off_walls),
+            change: self.change.joined(high.change),
+            moment: self.moment.joined(high.moment),
+            known: self.known.joined(high.known),
+        }
+    }
 }
 
 impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> {
@@ -311,23 +329,23 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, sums: &mut Sums<L, D>) {
-        let b = Seen::<L, D>::of(&octet.fields);
+    fn add(&self, group: &Group<'_, L, D>, sums: &mut Sums<L, D>) {
+        let b = Seen::<L, D>::of(&group.fields);
         let volume = (self.mass + b.mass) * self.half_over_rest;
         // Of the pair, not of the particle: both have the same bits for it.
         let (w, dw) = if self.lengths {
-            let h = self.reach.lengths(octet.rows);
-            (self.kernel.w(octet.r, h), self.kernel.dw_over_r(octet.r, h))
+            let h = self.reach.lengths(group.rows);
+            (self.kernel.w(group.r, h), self.kernel.dw_over_r(group.r, h))
         } else {
-            (self.reach.w(octet) * self.scales[0], self.reach.slope(octet) * self.scales[1])
+            (self.reach.w(group) * self.scales[0], self.reach.slope(group) * self.scales[1])
         };
         let f = -(volume * dw);
         if let Some(weights) = &self.weights {
-            weights.borrow_mut().extend_from_slice(&f.to_array().map(|f| f as f32));
+            weights.borrow_mut().extend_from_slice(&f.to_array().map(|f| f as f32)[..L::COUNT]);
         }
-        let x = &octet.x_ab;
+        let x = &group.x_ab;
         sums.filling = volume.times_plus(w, sums.filling);
-        sums.spread = (f * octet.r).times_plus(octet.r, sums.spread);
+        sums.spread = (f * group.r).times_plus(group.r, sums.spread);
         sums.links = sums.links + f;
         add_scaled(&mut sums.slope, f, x);
         let close = w * self.over_spacing;

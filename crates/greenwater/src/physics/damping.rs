@@ -4,7 +4,7 @@ use super::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, splat, total
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes, Rows};
 use crate::math::{Matrix, Vector};
-use crate::neighbors::{Octet, Term};
+use crate::neighbors::{Group, Term};
 
 /// `Σ ν V_b d_ab ∇_a W_ab/r²` over fluid, of the approach `d_ab = v_ab·x_ab < 0` of each pair less what the stretching of the
 /// flow at both its ends explains: the harmonic mean of `x_ab·S_a·x_ab` and `x_ab·S_b·x_ab` where both are approaches, too, and `d_ab` at the most.
@@ -34,7 +34,7 @@ pub(crate) trait Stretches<const D: usize>: Sync {
     fn of(&self, a: usize) -> [[f64; D]; D];
 
     /// Those of eight particles; must be `#[inline(always)]`.
-    fn of_eight<L: Lanes>(&self, rows: &[u32; LANES]) -> [[L; D]; D];
+    fn of_lanes<L: Lanes>(&self, rows: &[u32]) -> [[L; D]; D];
 }
 
 impl<const D: usize> Stretches<D> for [Matrix<D>] {
@@ -44,18 +44,18 @@ impl<const D: usize> Stretches<D> for [Matrix<D>] {
     }
 
     #[inline(always)]
-    fn of_eight<L: Lanes>(&self, rows: &[u32; LANES]) -> [[L; D]; D] {
-        let mut eight = [[L::splat(0.0); D]; D];
+    fn of_lanes<L: Lanes>(&self, rows: &[u32]) -> [[L; D]; D] {
+        let mut lanes = [[L::splat(0.0); D]; D];
         for i in 0..D {
             for j in i..D {
                 let mut entries = [0.0; LANES];
-                for lane in 0..LANES {
+                for lane in 0..L::COUNT {
                     entries[lane] = self[rows[lane] as usize][i][j];
                 }
-                eight[i][j] = L::from_array(entries);
+                lanes[i][j] = L::from_array(entries);
             }
         }
-        eight
+        lanes
     }
 }
 
@@ -90,10 +90,10 @@ impl<K: Kernel<D>, S: Stretches<D> + ?Sized, L: Lanes, const D: usize> Term<L, D
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let (nothing, x) = (L::splat(0.0), &octet.x_ab);
-        let others = self.stretch.of_eight::<L>(octet.rows);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let (nothing, x) = (L::splat(0.0), &group.x_ab);
+        let others = self.stretch.of_lanes::<L>(group.rows);
         let (mut here, mut there) = (nothing, nothing);
         for i in 0..D {
             for j in i..D {
@@ -106,10 +106,10 @@ impl<K: Kernel<D>, S: Stretches<D> + ?Sized, L: Lanes, const D: usize> Term<L, D
         let (here, there) = (here.at_most(nothing), there.at_most(nothing));
         let explained = (here * there * 2.0 / (here + there).at_most(L::splat(-f64::MIN_POSITIVE))).at_least(approach);
         // Between fluid only; nothing comes of particles at one place.
-        let square = octet.square.at_least(L::splat(f64::MIN_POSITIVE));
-        let strength = (self.reach.lengths(octet.rows) * self.strength[0] - self.strength[1]).at_least(nothing);
+        let square = group.square.at_least(L::splat(f64::MIN_POSITIVE));
+        let strength = (self.reach.lengths(group.rows) * self.strength[0] - self.strength[1]).at_least(nothing);
         let mass = L::choose(b.wall, nothing, b.mass * strength);
-        add_scaled(totals, mass * self.reach.slope(octet) * (approach - explained) / square, x);
+        add_scaled(totals, mass * self.reach.slope(group) * (approach - explained) / square, x);
     }
 }
 

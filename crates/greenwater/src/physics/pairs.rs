@@ -4,7 +4,7 @@
 use crate::kernel::Kernel;
 use crate::lanes::{InstructionSet, LANES, Lanes, Real, Record};
 use crate::math::{Vector, power};
-use crate::neighbors::{NOBODY, Neighbors, Octet};
+use crate::neighbors::{Group, NOBODY, Neighbors};
 use crate::particles::Particles;
 use crate::sweep::sweep;
 
@@ -78,7 +78,7 @@ pub(crate) fn record<const D: usize>(x: Vector<D>, v: Vector<D>, value: f64, mas
     Record(fields)
 }
 
-/// What eight records say.
+/// What records say, lane by lane.
 #[derive(Clone, Copy)]
 pub(crate) struct Seen<L: Real, const D: usize> {
     /// Velocities, m/s.
@@ -226,7 +226,7 @@ impl<'a, K, L: Lanes> Reach<'a, K, L> {
 
     /// The mean smoothing length of each pair, m.
     #[inline(always)]
-    pub fn lengths(&self, rows: &[u32; LANES]) -> L {
+    pub fn lengths(&self, rows: &[u32]) -> L {
         match self.others {
             None => self.h,
             Some(others) => (self.h + L::pick(others, rows)) * 0.5,
@@ -235,30 +235,30 @@ impl<'a, K, L: Lanes> Reach<'a, K, L> {
 
     /// `W`, on the scale of the particle.
     #[inline(always)]
-    pub fn w<const D: usize>(&self, octet: &Octet<'_, L, D>) -> L
+    pub fn w<const D: usize>(&self, group: &Group<'_, L, D>) -> L
     where
         K: Kernel<D>,
     {
         match self.others {
-            None => self.kernel.shape(octet.r * self.inverse),
+            None => self.kernel.shape(group.r * self.inverse),
             Some(_) => {
-                let h = self.lengths(octet.rows);
-                self.kernel.shape(octet.r / h) * power(self.h / h, D as u32)
+                let h = self.lengths(group.rows);
+                self.kernel.shape(group.r / h) * power(self.h / h, D as u32)
             }
         }
     }
 
     /// `W'/r`, on the scale of the particle.
     #[inline(always)]
-    pub fn slope<const D: usize>(&self, octet: &Octet<'_, L, D>) -> L
+    pub fn slope<const D: usize>(&self, group: &Group<'_, L, D>) -> L
     where
         K: Kernel<D>,
     {
         match self.others {
-            None => self.kernel.slope_over_q(octet.r * self.inverse),
+            None => self.kernel.slope_over_q(group.r * self.inverse),
             Some(_) => {
-                let h = self.lengths(octet.rows);
-                self.kernel.slope_over_q(octet.r / h) * power(self.h / h, D as u32 + 2)
+                let h = self.lengths(group.rows);
+                self.kernel.slope_over_q(group.r / h) * power(self.h / h, D as u32 + 2)
             }
         }
     }

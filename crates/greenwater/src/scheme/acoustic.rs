@@ -311,24 +311,24 @@ impl<const D: usize> Stretches<D> for [Finding<D>] {
 
     /// Four numbers at a time; in space, two of them twice.
     #[inline(always)]
-    fn of_eight<L: Lanes>(&self, rows: &[u32; LANES]) -> [[L; D]; D] {
+    fn of_lanes<L: Lanes>(&self, rows: &[u32]) -> [[L; D]; D] {
         let last = Finding::<D>::WEIGHT.saturating_sub(4);
         let (mut first_fours, mut last_fours) = ([&[0.0; 4]; LANES], [&[0.0; 4]; LANES]);
-        for lane in 0..LANES {
+        for lane in 0..L::COUNT {
             let numbers = self[rows[lane] as usize].0.as_flattened();
             if let (Some(first), Some(last)) = (numbers.first_chunk(), numbers[last..].first_chunk()) {
                 (first_fours[lane], last_fours[lane]) = (first, last);
             }
         }
         let (first_turned, last_turned) = (L::turn(first_fours), L::turn(last_fours));
-        let mut eight = [[L::splat(0.0); D]; D];
+        let mut lanes = [[L::splat(0.0); D]; D];
         for i in 0..D {
             for j in i..D {
                 let place = Finding::<D>::place(i, j);
-                eight[i][j] = if place < 4 { first_turned[place] } else { last_turned[place - last] };
+                lanes[i][j] = if place < 4 { first_turned[place] } else { last_turned[place - last] };
             }
         }
-        eight
+        lanes
     }
 }
 

@@ -7,7 +7,7 @@ use super::{first_line_parents, wall_normals};
 use crate::kernel::Kernel;
 use crate::lanes::{Lanes, Rows, sweep_lanes};
 use crate::math::Vector;
-use crate::neighbors::{Neighbors, Octet, Term};
+use crate::neighbors::{Group, Neighbors, Term};
 use crate::particles::{Kind, Particles};
 use crate::physics::correction::solve;
 use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, dot, splat, totals};
@@ -195,10 +195,10 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for WeightedPressure<'_,
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; 2]) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let w = L::choose(b.wall, L::splat(0.0), self.reach.w(octet));
-        totals[0] = w.times_plus(b.value + dot(&self.weight, &octet.x_ab), totals[0]);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut [L; 2]) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let w = L::choose(b.wall, L::splat(0.0), self.reach.w(group));
+        totals[0] = w.times_plus(b.value + dot(&self.weight, &group.x_ab), totals[0]);
         totals[1] = totals[1] + w;
     }
 }
@@ -235,9 +235,9 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for WeightedVelocity<'_,
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Self::Totals) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let w = L::choose(b.wall, L::splat(0.0), self.reach.w(octet));
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut Self::Totals) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let w = L::choose(b.wall, L::splat(0.0), self.reach.w(group));
         add_scaled(&mut totals.0, w, &b.v);
         totals.1 = totals.1 + w;
     }

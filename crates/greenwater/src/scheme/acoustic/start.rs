@@ -5,7 +5,7 @@ use crate::domain::Domain;
 use crate::kernel::Kernel;
 use crate::lanes::{Lanes, Record, Rows, sweep_lanes};
 use crate::math::{Vector, cube_number};
-use crate::neighbors::{Octet, Term};
+use crate::neighbors::{Group, Term};
 use crate::particles::{Kind, Particles};
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, Reach, Seen, record};
@@ -207,10 +207,10 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Rise<'_, K, L> {
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, total: &mut L) {
-        let b = Seen::<L, D>::of(&octet.fields);
+    fn add(&self, group: &Group<'_, L, D>, total: &mut L) {
+        let b = Seen::<L, D>::of(&group.fields);
         let mass = L::choose(b.wall, L::splat(0.0), self.mass + b.mass);
-        *total = (mass * self.reach.slope(octet)).times_plus(b.value - self.q, *total);
+        *total = (mass * self.reach.slope(group)).times_plus(b.value - self.q, *total);
     }
 }
 

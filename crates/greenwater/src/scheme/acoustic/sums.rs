@@ -2,9 +2,9 @@
 
 use super::{Between, Bulk, Finding, Flux, Place, Plan, Shift, Side, dilated, relieved};
 use crate::kernel::Kernel;
-use crate::lanes::{LANES, Lanes, Real, Record, Rows, RowsOfSums};
+use crate::lanes::{LANES, Lanes, Real, Record, Rows, RowsOfSums, Totals};
 use crate::math::Vector;
-use crate::neighbors::{Octet, Term};
+use crate::neighbors::{Group, Term};
 use crate::particles::Kind;
 use crate::physics::consistency::LinearKernel;
 use crate::physics::correction::renormalisation;
@@ -77,7 +77,8 @@ impl<K: Kernel<D>, const D: usize> Rows<Record, Finding<D>> for Looking<'_, K, D
         let weight = match () {
             () if self.lattice.is_foam(filling / self.lattice.sum_w, slope) => {
                 let coming = Coming::<L, D> { v: splat(own.v()), dt: L::splat(self.dt) };
-                let closest = self.pairs.near.sum(a, self.pairs.records, &coming).to_array().into_iter().fold(f64::INFINITY, f64::min);
+                let Least(closest) = self.pairs.near.sum(a, self.pairs.records, &coming);
+                let closest = closest.to_array()[..L::COUNT].iter().copied().fold(f64::INFINITY, f64::min);
                 if closest < self.lattice.spacing * self.lattice.spacing { -1.0 } else { 0.0 }
             }
             () if self.weighs => self.lattice.surface_weight(filled / D as f64),
@@ -109,9 +110,20 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Walls<'_, K, L> {
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        add_scaled(totals, L::choose(b.wall, b.mass * self.reach.slope(octet), L::splat(0.0)), &octet.x_ab);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&group.fields);
+        add_scaled(totals, L::choose(b.wall, b.mass * self.reach.slope(group), L::splat(0.0)), &group.x_ab);
+    }
+}
+
+/// The least number, lane by lane.
+#[derive(Clone, Copy)]
+struct Least<L>(L);
+
+impl<L: Lanes> Totals for Least<L> {
+    #[inline(always)]
+    fn joined(self, high: Self) -> Self {
+        Self(self.0.at_most(high.0))
     }
 }
 
@@ -122,17 +134,17 @@ struct Coming<L, const D: usize> {
 }
 
 impl<L: Lanes, const D: usize> Term<L, D> for Coming<L, D> {
-    type Totals = L;
+    type Totals = Least<L>;
 
     #[inline(always)]
-    fn nothing(&self) -> L {
-        L::splat(f64::INFINITY)
+    fn nothing(&self) -> Least<L> {
+        Least(L::splat(f64::INFINITY))
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, closest: &mut L) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let (x, v) = (&octet.x_ab, difference(&self.v, &b.v));
+    fn add(&self, group: &Group<'_, L, D>, Least(closest): &mut Least<L>) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let (x, v) = (&group.x_ab, difference(&self.v, &b.v));
         let nearing = L::splat(0.0) - dot(&v, x);
         let time = (nearing / dot(&v, &v).at_least(L::splat(f64::MIN_POSITIVE))).at_least(L::splat(0.0)).at_most(self.dt);
         let then: [L; D] = std::array::from_fn(|d| v[d].times_plus(time, x[d]));
@@ -141,6 +153,7 @@ impl<L: Lanes, const D: usize> Term<L, D> for Coming<L, D> {
 }
 
 /// What surrounds a particle, on the scale of the particle.
+#[derive(Clone, Copy)]
 struct Surroundings<L, const D: usize> {
     /// `Σ m W` without the particle itself.
     filling: L,
@@ -152,6 +165,19 @@ struct Surroundings<L, const D: usize> {
     change: [[L; D]; D],
     /// `Σ m x_ab ⊗ ∇W` over fluid, on the diagonal and right of it.
     moments: [[L; D]; D],
+}
+
+impl<L: Lanes, const D: usize> Totals for Surroundings<L, D> {
+    #[inline(always)]
+    fn joined(self, high: Self) -> Self {
+        Self {
+            filling: self.filling.joined(high.filling),
+            concentration: self.concentration.joined(high.concentration),
+            filled: self.filled.joined(high.filled),
+            change: self.change.joined(high.change),
+            moments: self.moments.joined(high.moments),
+        }
+    }
 }
 
 struct Around<'a, K, L, const D: usize> {
@@ -169,17 +195,17 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Around<'_, K, L, D> 
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Surroundings<L, D>) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let dw = b.mass * self.reach.slope(octet);
-        totals.filling = b.mass.times_plus(self.reach.w(octet), totals.filling);
-        add_scaled(&mut totals.concentration, dw, &octet.x_ab);
-        totals.filled = dw.times_plus(octet.square, totals.filled);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut Surroundings<L, D>) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let dw = b.mass * self.reach.slope(group);
+        totals.filling = b.mass.times_plus(self.reach.w(group), totals.filling);
+        add_scaled(&mut totals.concentration, dw, &group.x_ab);
+        totals.filled = dw.times_plus(group.square, totals.filled);
         let (fluid, v_ab) = (L::choose(b.wall, L::splat(0.0), dw), difference(&self.v, &b.v));
         for i in 0..D {
-            add_scaled(&mut totals.change[i], fluid * v_ab[i], &octet.x_ab);
+            add_scaled(&mut totals.change[i], fluid * v_ab[i], &group.x_ab);
             for j in i..D {
-                totals.moments[i][j] = (fluid * octet.x_ab[i]).times_plus(octet.x_ab[j], totals.moments[i][j]);
+                totals.moments[i][j] = (fluid * group.x_ab[i]).times_plus(group.x_ab[j], totals.moments[i][j]);
             }
         }
     }
@@ -263,6 +289,7 @@ impl<K: Kernel<D>, const D: usize> Shifting<'_, K, D> {
 }
 
 /// What crowds a particle, on the scale of the particle.
+#[derive(Clone, Copy)]
 struct Crowding<L, const D: usize> {
     /// `Σ m W` without the particle itself.
     filling: L,
@@ -278,6 +305,21 @@ struct Crowding<L, const D: usize> {
     moments: [[L; D]; D],
     /// `Σ W` over walls.
     at_wall: L,
+}
+
+impl<L: Lanes, const D: usize> Totals for Crowding<L, D> {
+    #[inline(always)]
+    fn joined(self, high: Self) -> Self {
+        Self {
+            filling: self.filling.joined(high.filling),
+            concentration: self.concentration.joined(high.concentration),
+            slope: self.slope.joined(high.slope),
+            gradient: self.gradient.joined(high.gradient),
+            outward: self.outward.joined(high.outward),
+            moments: self.moments.joined(high.moments),
+            at_wall: self.at_wall.joined(high.at_wall),
+        }
+    }
 }
 
 struct Crowd<'a, K, L> {
@@ -307,16 +349,16 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Crowd<'_, K, L> {
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut Crowding<L, D>) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let w = self.reach.w(octet);
-        let dw = b.mass * self.reach.slope(octet);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut Crowding<L, D>) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let w = self.reach.w(group);
+        let dw = b.mass * self.reach.slope(group);
         totals.filling = b.mass.times_plus(w, totals.filling);
-        add_scaled(&mut totals.concentration, pair_weight(w * self.per_whole, self.push) * dw, &octet.x_ab);
-        add_scaled(&mut totals.slope, dw, &octet.x_ab);
-        add_scaled(&mut totals.gradient, (b.value - self.density) * dw, &octet.x_ab);
+        add_scaled(&mut totals.concentration, pair_weight(w * self.per_whole, self.push) * dw, &group.x_ab);
+        add_scaled(&mut totals.slope, dw, &group.x_ab);
+        add_scaled(&mut totals.gradient, (b.value - self.density) * dw, &group.x_ab);
         add_scaled(&mut totals.outward, w, &b.v);
-        add_moments(&mut totals.moments, dw, &octet.x_ab);
+        add_moments(&mut totals.moments, dw, &group.x_ab);
         totals.at_wall = totals.at_wall + L::choose(b.wall, w, L::splat(0.0));
     }
 }
@@ -394,11 +436,11 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Rise<'_, K, L> {
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, (sum, moments): &mut Self::Totals) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let dw = b.mass * self.reach.slope(octet);
-        add_scaled(sum, (b.value - self.density) * dw, &octet.x_ab);
-        add_moments(moments, dw, &octet.x_ab);
+    fn add(&self, group: &Group<'_, L, D>, (sum, moments): &mut Self::Totals) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let dw = b.mass * self.reach.slope(group);
+        add_scaled(sum, (b.value - self.density) * dw, &group.x_ab);
+        add_moments(moments, dw, &group.x_ab);
     }
 }
 
@@ -562,11 +604,11 @@ impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for Push<'_,
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let pair = Between { x_ab: octet.x_ab, r: octet.r, square: octet.square, h: self.reach.lengths(octet.rows), wall: b.wall };
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let pair = Between { x_ab: group.x_ab, r: group.r, square: group.square, h: self.reach.lengths(group.rows), wall: b.wall };
         let other = Side { v: b.v, pressure: b.value, own: b.value };
-        add_scaled(totals, b.mass * self.reach.slope(octet), &self.flux.force(self.own, other, pair));
+        add_scaled(totals, b.mass * self.reach.slope(group), &self.flux.force(self.own, other, pair));
     }
 }
 
@@ -587,19 +629,19 @@ impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for PushBack
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; D]) {
-        let b = Seen::<L, D>::of(&octet.fields);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut [L; D]) {
+        let b = Seen::<L, D>::of(&group.fields);
         let mut inside = [0.0; LANES];
-        for lane in 0..LANES {
-            inside[lane] = if self.place[octet.rows[lane] as usize] == Place::Inside { -1.0 } else { 1.0 };
+        for lane in 0..L::COUNT {
+            inside[lane] = if self.place[group.rows[lane] as usize] == Place::Inside { -1.0 } else { 1.0 };
         }
         let inside = L::from_array(inside).below(L::splat(0.0));
         let fluid = Side { v: b.v, pressure: b.value, own: self.flux.own_pressure(b.value, inside) };
         let everywhere = L::splat(0.0).below(L::splat(1.0));
         let pair =
-            Between { x_ab: octet.x_ab, r: octet.r, square: octet.square, h: self.reach.lengths(octet.rows), wall: everywhere }.turned();
+            Between { x_ab: group.x_ab, r: group.r, square: group.square, h: self.reach.lengths(group.rows), wall: everywhere }.turned();
         let mass = L::choose(b.wall, L::splat(0.0), b.mass);
-        add_scaled(totals, mass * self.reach.slope(octet), &self.flux.force(fluid, self.own, pair));
+        add_scaled(totals, mass * self.reach.slope(group), &self.flux.force(fluid, self.own, pair));
     }
 }
 
@@ -717,24 +759,24 @@ impl<K: Kernel<D>, F: Flux<D>, L: Lanes, const D: usize> Term<L, D> for Rate<'_,
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [L; 2]) {
-        let b = Seen::<L, D>::of(&octet.fields);
-        let mut rise = dot(&self.gradient, &octet.x_ab);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut [L; 2]) {
+        let b = Seen::<L, D>::of(&group.fields);
+        let mut rise = dot(&self.gradient, &group.x_ab);
         if let Some(gradients) = self.gradients {
             let mut others = [[0.0; LANES]; D];
-            for lane in 0..LANES {
+            for lane in 0..L::COUNT {
                 for d in 0..D {
-                    others[d][lane] = gradients[octet.rows[lane] as usize][d];
+                    others[d][lane] = gradients[group.rows[lane] as usize][d];
                 }
             }
             for d in 0..D {
-                rise = L::from_array(others[d]).times_plus(octet.x_ab[d], rise);
+                rise = L::from_array(others[d]).times_plus(group.x_ab[d], rise);
             }
             rise = rise * 0.5;
         }
-        let pair = Between { x_ab: octet.x_ab, r: octet.r, square: octet.square, h: self.reach.lengths(octet.rows), wall: b.wall };
-        let dw = b.mass * self.reach.slope(octet);
-        totals[0] = dw.times_plus(dot(&difference(&self.v, &b.v), &octet.x_ab), totals[0]);
+        let pair = Between { x_ab: group.x_ab, r: group.r, square: group.square, h: self.reach.lengths(group.rows), wall: b.wall };
+        let dw = b.mass * self.reach.slope(group);
+        totals[0] = dw.times_plus(dot(&difference(&self.v, &b.v), &group.x_ab), totals[0]);
         totals[1] = dw.times_plus(self.flux.spread(pair, jump(self.density, b.value, rise)), totals[1]);
     }
 }

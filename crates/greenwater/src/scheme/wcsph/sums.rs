@@ -3,7 +3,7 @@
 use crate::kernel::Kernel;
 use crate::lanes::{LANES, Lanes, Rows};
 use crate::math::Vector;
-use crate::neighbors::{Octet, Term};
+use crate::neighbors::{Group, Term};
 use crate::physics::pairs::{Pairs, Reach, Seen, add_scaled, difference, dot, scaled, splat, totals};
 use crate::physics::viscosity::{Approach, Tensor, artificial, stress};
 
@@ -50,14 +50,14 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Change<'_, K, L, D> 
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, totals: &mut [[L; D]; D]) {
-        let b = Seen::<L, D>::of(&octet.fields);
+    fn add(&self, group: &Group<'_, L, D>, totals: &mut [[L; D]; D]) {
+        let b = Seen::<L, D>::of(&group.fields);
         // Nobody has no density either.
         let volume = L::choose(b.wall, L::splat(0.0), b.mass / b.value.at_least(L::splat(f64::MIN_POSITIVE)));
-        let dw = volume * self.reach.slope(octet);
+        let dw = volume * self.reach.slope(group);
         let v_ab = difference(&self.v, &b.v);
         for i in 0..D {
-            add_scaled(&mut totals[i], dw * v_ab[i], &octet.x_ab);
+            add_scaled(&mut totals[i], dw * v_ab[i], &group.x_ab);
         }
     }
 }
@@ -118,28 +118,28 @@ impl<K: Kernel<D>, L: Lanes, const D: usize> Term<L, D> for Push<'_, K, L, D> {
     }
 
     #[inline(always)]
-    fn add(&self, octet: &Octet<'_, L, D>, (push, rate): &mut ([L; D], L)) {
+    fn add(&self, group: &Group<'_, L, D>, (push, rate): &mut ([L; D], L)) {
         let Forces { pressed, sound, stress, artificial: [alpha, beta, eta], .. } = *self.all;
-        let b = Seen::<L, D>::of(&octet.fields);
+        let b = Seen::<L, D>::of(&group.fields);
         // Walls act by forces of their own.
-        let dw = L::choose(b.wall, L::splat(0.0), b.mass) * self.reach.slope(octet);
-        let along = dot(&difference(&self.v, &b.v), &octet.x_ab);
+        let dw = L::choose(b.wall, L::splat(0.0), b.mass) * self.reach.slope(group);
+        let along = dot(&difference(&self.v, &b.v), &group.x_ab);
         let pair = Approach {
             along,
-            square: octet.square,
-            h: self.reach.lengths(octet.rows),
-            sound: (self.sound + L::pick(sound, octet.rows)) * 0.5,
+            square: group.square,
+            h: self.reach.lengths(group.rows),
+            sound: (self.sound + L::pick(sound, group.rows)) * 0.5,
             density: (self.density + b.value) * 0.5,
         };
-        let pressure = self.pressed + L::pick(pressed, octet.rows);
-        add_scaled(push, -dw * (pressure + artificial(pair, alpha, beta, eta)), &octet.x_ab);
+        let pressure = self.pressed + L::pick(pressed, group.rows);
+        add_scaled(push, -dw * (pressure + artificial(pair, alpha, beta, eta)), &group.x_ab);
         if let Some(stress) = stress {
-            let slope = scaled(dw, &octet.x_ab);
+            let slope = scaled(dw, &group.x_ab);
             for i in 0..D {
                 for j in i..D {
                     let mut others = [0.0; LANES];
-                    for lane in 0..LANES {
-                        others[lane] = stress[octet.rows[lane] as usize][i][j];
+                    for lane in 0..L::COUNT {
+                        others[lane] = stress[group.rows[lane] as usize][i][j];
                     }
                     let both = L::splat(stress[self.a][i][j]) + L::from_array(others);
                     push[i] = both.times_plus(slope[j], push[i]);
