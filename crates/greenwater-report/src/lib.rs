@@ -20,6 +20,7 @@
 mod error;
 pub mod export;
 pub mod flow;
+mod lettering;
 pub mod measure;
 pub mod page;
 pub mod plot;

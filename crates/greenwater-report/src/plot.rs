@@ -4,11 +4,11 @@
 //! Colours are the palette of Okabe and Ito (2008), told apart with every common form of colour blindness.
 
 use std::fmt::Write;
-use std::sync::{Arc, OnceLock};
 
 use resvg::{tiny_skia, usvg};
 
 use crate::error::ReportError;
+use crate::lettering::outlined;
 
 /// Colours of series, in order: blue, vermillion, bluish green, reddish purple, orange, sky blue.
 pub const PALETTE: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
@@ -727,20 +727,13 @@ pub fn png(name: &str, svg: &str) -> Result<Vec<u8>, ReportError> {
 /// Pixels of a PNG figure per unit of its SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// An SVG document as PNG, `scale` pixels a unit. Text uses the built-in font only.
+/// An SVG document as PNG, `scale` pixels a unit. Text is drawn letter by letter in the built-in font, as plots write it.
 ///
 /// # Errors
 /// If the SVG is malformed, or the picture has no size.
 pub fn png_from_svg(svg: &str, scale: f32) -> Result<Vec<u8>, PngError> {
-    static FONTS: OnceLock<Arc<usvg::fontdb::Database>> = OnceLock::new();
-    let fonts = FONTS.get_or_init(|| {
-        let mut fonts = usvg::fontdb::Database::new();
-        fonts.load_font_data(dejavu::sans::regular().to_vec());
-        fonts.load_font_data(dejavu::sans::bold().to_vec());
-        Arc::new(fonts)
-    });
-    let options = usvg::Options { fontdb: fonts.clone(), font_family: "DejaVu Sans".into(), ..usvg::Options::default() };
-    let tree = usvg::Tree::from_str(svg, &options)?;
+    let drawn = outlined(svg).map_err(usvg::Error::ParsingFailed)?;
+    let tree = usvg::Tree::from_str(&drawn, &usvg::Options::default())?;
     let (width, height) = (tree.size().width(), tree.size().height());
     let too_large = PngError::Size { width, height, scale };
     let (w, h) = ((width * scale).ceil(), (height * scale).ceil());

@@ -1,8 +1,8 @@
-//! Eight numbers at once: arithmetic with the vector units of the machine. Beside `gather` the only code that knows instruction sets,
-//! and the only one with `unsafe`.
+//! Several numbers at once: arithmetic with the vector units of the machine. Beside `gather` the only code that knows instruction sets,
+//! and beside a call of the dense elimination the only one with `unsafe`.
 //!
 //! Formulas are written once, over [`Real`], and run on one number (`f64`) or on several of them. Sums over pairs take eight
-//! neighbours at a time on every machine, where registers are short half after half, and add the lanes up in one order; where a
+//! neighbours at a time on every machine, part after part where registers are short, and add the lanes up in one order; where a
 //! product is fused with a sum it is so on every machine: all instruction sets give the same bits.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -260,7 +260,7 @@ impl<'a> Listed<'a> {
 
 /// A vector of [`COUNT`](Self::COUNT) numbers.
 pub(crate) trait Lanes: Real {
-    /// Numbers in it: [`LANES`], or half of them.
+    /// Numbers in it: [`LANES`], a half or a quarter of them.
     const COUNT: usize;
 
     /// What the same instructions make of single precision.
@@ -281,7 +281,7 @@ pub(crate) trait Lanes: Real {
     /// Number by number, what as many fours in single precision hold.
     fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4];
 
-    /// The sum of all, by halves: `((0+4) + (2+6)) + ((1+5) + (3+7))` or `(0+2) + (1+3)`.
+    /// The sum of all, by halves: of eight `((0+4) + (2+6)) + ((1+5) + (3+7))`.
     fn total(self) -> f64;
 
     /// The entries of a column at as many `rows`.
@@ -300,7 +300,7 @@ pub(crate) trait Lanes: Real {
 
 /// What is added up lane by lane.
 pub(crate) trait Totals: Copy {
-    /// That of eight neighbours whose halves were added up apart, lane by lane.
+    /// That of all neighbours, where those of the lower and of the upper lanes were added up apart.
     fn joined(self, high: Self) -> Self;
 }
 
@@ -366,9 +366,9 @@ macro_rules! operators {
     };
 }
 
-/// Vectors as arrays: what the compiler makes of them on any machine.
+/// Vectors as arrays: what the compiler makes of them on any machine. Two numbers are a register of SSE2 and of NEON.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Portable([f64; LANES]);
+pub(crate) struct Portable([f64; 2]);
 
 impl Portable {
     #[inline(always)]
@@ -400,11 +400,11 @@ impl Portable {
 operators!(Portable);
 
 impl Real for Portable {
-    type Mask = [bool; LANES];
+    type Mask = [bool; 2];
 
     #[inline(always)]
     fn splat(x: f64) -> Self {
-        Self([x; LANES])
+        Self([x; 2])
     }
 
     #[inline(always)]
@@ -433,12 +433,12 @@ impl Real for Portable {
     }
 
     #[inline(always)]
-    fn below(self, other: Self) -> [bool; LANES] {
+    fn below(self, other: Self) -> [bool; 2] {
         std::array::from_fn(|i| self.0[i] < other.0[i])
     }
 
     #[inline(always)]
-    fn choose(mask: [bool; LANES], yes: Self, no: Self) -> Self {
+    fn choose(mask: [bool; 2], yes: Self, no: Self) -> Self {
         Self(std::array::from_fn(|i| if mask[i] { yes.0[i] } else { no.0[i] }))
     }
 
@@ -450,16 +450,17 @@ impl Real for Portable {
 
 impl Lanes for Portable {
     type Singles = [f32; WIDE];
-    const COUNT: usize = LANES;
+    const COUNT: usize = 2;
 
     #[inline(always)]
-    fn from_array(x: [f64; LANES]) -> Self {
-        Self(x)
+    fn from_array([a, b, ..]: [f64; LANES]) -> Self {
+        Self([a, b])
     }
 
     #[inline(always)]
     fn to_array(self) -> [f64; LANES] {
-        self.0
+        let [a, b] = self.0;
+        [a, b, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     }
 
     #[inline(always)]
@@ -469,14 +470,14 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn turn(fours: [&[f32; 4]; LANES]) -> [Self; 4] {
-        std::array::from_fn(|i| Self(std::array::from_fn(|lane| f64::from(fours[lane][i]))))
+    fn turn([a, b, ..]: [&[f32; 4]; LANES]) -> [Self; 4] {
+        std::array::from_fn(|i| Self([f64::from(a[i]), f64::from(b[i])]))
     }
 
     #[inline(always)]
     fn total(self) -> f64 {
-        let [a, b, c, d, e, f, g, h] = self.0;
-        ((a + e) + (c + g)) + ((b + f) + (d + h))
+        let [a, b] = self.0;
+        a + b
     }
 }
 
@@ -1041,9 +1042,12 @@ mod tests {
             let eight = octets.of(0..LANES, self.records).next().unwrap();
             let parts: Vec<Vec<L>> = (0..LANES / L::COUNT).map(|part| everything(eight.part::<L>(part), part * L::COUNT)).collect();
             for i in 0..parts[0].len() {
-                parts.iter().for_each(|part| self.out.extend(&part[i].to_array()[..L::COUNT]));
-                let sum = if L::COUNT == LANES { parts[0][i] } else { parts[0][i].joined(parts[1][i]) };
-                self.out.push(sum.total());
+                let mut sums: Vec<L> = parts.iter().map(|part| part[i]).collect();
+                sums.iter().for_each(|part| self.out.extend(&part.to_array()[..L::COUNT]));
+                while let half @ 1.. = sums.len() / 2 {
+                    sums = (0..half).map(|part| sums[part].joined(sums[part + half])).collect();
+                }
+                self.out.push(sums[0].total());
             }
         }
     }
@@ -1094,20 +1098,20 @@ mod tests {
     }
 
     #[test]
-    fn fours_are_turned_number_by_number() {
-        let fours: [[f32; 4]; LANES] = std::array::from_fn(|lane| std::array::from_fn(|i| (10 * lane + i) as f32));
-        for (i, number) in Portable::turn(fours.each_ref()).into_iter().enumerate() {
-            assert_eq!(number.0, std::array::from_fn(|lane| (10 * lane + i) as f64));
-        }
-    }
-
-    #[test]
     fn lanes_hold_the_records_in_order_and_add_up_by_halves() {
         let records: Vec<Record> = (0..9).map(|row| Record(std::array::from_fn(|field| f64::from(10 * row) + field as f64))).collect();
         let octets = listed(&[8, 1, 2, 3, 4, 5, 6, 7]);
-        let fields = Portable::gather(octets.of(0..LANES, &records).next().unwrap());
-        assert_eq!(fields[2].0, [82.0, 12.0, 22.0, 32.0, 42.0, 52.0, 62.0, 72.0]);
-        assert_eq!(Portable([1e16, 1.0, 1.0, 1.0, -1e16, 0.0, 0.0, 0.0]).total(), 3.0);
+        let eight = octets.of(0..LANES, &records).next().unwrap();
+        let parts: [Portable; 4] = std::array::from_fn(|part| Portable::gather(eight.part::<Portable>(part))[2]);
+        assert_eq!(parts.map(|part| part.0), [[82.0, 12.0], [22.0, 32.0], [42.0, 52.0], [62.0, 72.0]]);
+        let [a, b, c, d] = [[1e16, 1.0], [1.0, 1.0], [-1e16, 0.0], [0.0, 0.0]].map(Portable);
+        assert_eq!((a.joined(c)).joined(b.joined(d)).total(), 3.0);
+    }
+
+    #[test]
+    fn fours_are_turned_number_by_number() {
+        let fours: [[f32; 4]; LANES] = std::array::from_fn(|lane| std::array::from_fn(|i| (10 * lane + i) as f32));
+        assert_eq!(Portable::turn(fours.each_ref()).map(|number| number.0), [[0.0, 10.0], [1.0, 11.0], [2.0, 12.0], [3.0, 13.0]]);
     }
 
     #[test]

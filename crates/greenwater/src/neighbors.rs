@@ -290,19 +290,36 @@ impl<const D: usize> Neighbors<D> {
     /// [`NOBODY`] at the end, positions in the first fields.
     #[inline(always)]
     pub(crate) fn sum<L: Lanes, T: Term<L, D>>(&self, a: usize, records: &[Record], term: &T) -> T::Totals {
-        let mut totals = term.nothing();
-        if L::COUNT == LANES {
-            for eight in self.octets(a, records) {
-                term.add(&Group::of(&records[a], eight), &mut totals);
+        let own = &records[a];
+        let eights = self.octets(a, records);
+        match LANES / L::COUNT {
+            1 => {
+                let mut totals = term.nothing();
+                for eight in eights {
+                    term.add(&Group::of(own, eight), &mut totals);
+                }
+                totals
             }
-            return totals;
+            // Written out, since what is added up stays in registers.
+            2 => {
+                let (mut low, mut high) = (term.nothing(), term.nothing());
+                for eight in eights {
+                    term.add(&Group::of(own, eight.part::<L>(0)), &mut low);
+                    term.add(&Group::of(own, eight.part::<L>(1)), &mut high);
+                }
+                low.joined(high)
+            }
+            _ => {
+                let mut quarters = [term.nothing(); 4];
+                for eight in eights {
+                    for (part, totals) in quarters.iter_mut().enumerate() {
+                        term.add(&Group::of(own, eight.part::<L>(part)), totals);
+                    }
+                }
+                let [a, b, c, d] = quarters;
+                a.joined(c).joined(b.joined(d))
+            }
         }
-        let mut high = term.nothing();
-        for eight in self.octets(a, records) {
-            term.add(&Group::of(&records[a], eight.part::<L>(0)), &mut totals);
-            term.add(&Group::of(&records[a], eight.part::<L>(1)), &mut high);
-        }
-        totals.joined(high)
     }
 
     /// Calls `each` with every neighbour of `a`, always in the same order.
