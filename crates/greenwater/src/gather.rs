@@ -2,8 +2,8 @@
 //!
 //! Rows are stored in slices of sixteen, entry by entry, so that the lanes of a vector unit are rows: no sum runs across lanes, and a
 //! row adds its terms in the order they were stored in. Multiplication and addition round separately; every instruction set gives
-//! the same bits. Beside `lanes` the only `unsafe` code of the library: gathers do not check their indices, and the columns of [`Slices`]
-//! are below a bound that every call compares with the length of what it gathers from.
+//! the same bits. Beside `lanes` and a call of the dense elimination the only `unsafe` code of the library: gathers do not check their
+//! indices, and the columns of [`Slices`] are below a bound that every call compares with the length of what it gathers from.
 
 use std::hint::black_box;
 use std::sync::OnceLock;
