@@ -118,17 +118,6 @@ pub enum StepError {
         /// The bound, m/s.
         limit: f64,
     },
-    /// Fluid that is taken to fill its domain does not.
-    #[error(
-        "{count} particles are at a free surface, {particle} among them; this method is for fluid that fills its domain: take `isph`, or \
-         close the domain with walls or periodic sides and fill it"
-    )]
-    FreeSurface {
-        /// Name (`id`) of one of them.
-        particle: u32,
-        /// How many there are.
-        count: usize,
-    },
     /// All fluid has left the domain.
     #[error(
         "position of every fluid particle is outside the domain; the method is unstable here: try a smaller `time.courant` or `time.step`, \
@@ -141,7 +130,7 @@ impl StepError {
     /// Name of the field that went wrong.
     pub fn field(&self) -> &'static str {
         match self {
-            Self::Search(_) | Self::Empty | Self::FreeSurface { .. } => "position",
+            Self::Search(_) | Self::Empty => "position",
             Self::Pressure(_) => "pressure",
             Self::NotFinite { field, .. } => field,
             Self::Runaway { .. } => "velocity",
@@ -151,7 +140,7 @@ impl StepError {
     /// Name (`id`) of the particle that went wrong, where it is one.
     pub fn particle(&self) -> Option<u32> {
         match self {
-            Self::NotFinite { particle, .. } | Self::Runaway { particle, .. } | Self::FreeSurface { particle, .. } => Some(*particle),
+            Self::NotFinite { particle, .. } | Self::Runaway { particle, .. } => Some(*particle),
             Self::Search(_) | Self::Pressure(_) | Self::Empty => None,
         }
     }

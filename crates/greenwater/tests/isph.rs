@@ -238,15 +238,6 @@ fn a_full_box_has_a_pressure_of_mean_zero() {
     }
 }
 
-/// Without its lid the box has a surface of eight particles, and a method that knows none says so before it moves anything.
-#[test]
-fn a_surface_where_there_must_be_none_is_refused() {
-    let open = IsphSettings { free_surface: FreeSurface::None, ..settings(1e-10) };
-    let mut run = simulation(tank([8, 12], |cell| cell[1] < 9), open, &medium::<2>(9.81, 0.0));
-    let error = run.start().unwrap_err().to_string();
-    assert!(error.contains("8 particles are at a free surface") && error.contains("take `isph`"), "{error}");
-}
-
 fn full_box(free_surface: FreeSurface) {
     let medium = medium::<2>(9.81, 0.0);
     let mut p = tank([8, 12], |cell| cell[1] < 9);

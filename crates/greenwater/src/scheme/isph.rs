@@ -197,9 +197,6 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         flow.parts.find(p, domain, &flow.near);
         let f = &flow.f;
         if flow.settings.free_surface == FreeSurface::None {
-            if flow.dt_before.is_none() {
-                flow.expect_full(p)?;
-            }
             flow.at.iter_mut().for_each(|at| at.place = Place::Inside);
         } else {
             let (at, places, parts) = (&mut flow.at, &mut flow.places, &mut flow.parts);
@@ -248,16 +245,6 @@ impl<K: Kernel<D>, const D: usize> RowsOfPairs<Arrangement<D>, Matrix<D>> for Lo
 }
 
 impl<const D: usize> Flow<D> {
-    /// Refuses fluid with a surface as long as half a side of it: single particles beside a curved wall may look like one.
-    fn expect_full(&self, p: &Particles<D>) -> Result<(), StepError> {
-        let at_surface = || (0..p.owned()).filter(|&a| p.is_fluid(a) && self.at[a].place == Place::Surface);
-        let side = (p.count(Kind::Fluid) as f64).powf(1.0 - 1.0 / D as f64);
-        match (at_surface().next(), at_surface().count()) {
-            (Some(a), count) if count as f64 > 0.5 * side => Err(StepError::FreeSurface { particle: p.id[a], count }),
-            _ => Ok(()),
-        }
-    }
-
     /// The greatest speed that counts for steps and viscosity, m/s: of fluid and walls, at least `sqrt(g H)`.
     fn speed(&self, p: &Particles<D>) -> f64 {
         let fastest = largest(p.owned(), |a| p.v[a].norm_squared()).max(0.0).sqrt();
