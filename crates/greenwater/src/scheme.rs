@@ -108,7 +108,7 @@ pub enum StepError {
     /// A particle is faster than anything the case can cause.
     #[error(
         "velocity of particle {particle} is {speed:.3e} m/s, but this case cannot cause more than {limit:.3e} m/s; \
-         the method is unstable here: try a smaller `time.courant` or `time.step`"
+         the method is unstable here: try a smaller `time.courant` or `time.step`, or another method (`isph-shift` knows no free surface)"
     )]
     Runaway {
         /// Name (`id`) of the particle.
