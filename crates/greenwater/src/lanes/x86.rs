@@ -283,7 +283,11 @@ impl Real for Avx2 {
 
     #[inline(always)]
     fn each(self, f: impl Fn(f64) -> f64) -> Self {
-        Self::from_array(self.to_array().map(f))
+        let mut x = self.to_array();
+        for lane in 0..Self::COUNT {
+            x[lane] = f(x[lane]);
+        }
+        Self::from_array(x)
     }
 }
 
