@@ -69,11 +69,13 @@ impl DenseLu {
         z.copy_from_slice(r);
         let n = z.len();
         self.exchanged.iter().enumerate().for_each(|(k, &row)| z.swap(k, row));
-        for (k, column) in self.lu.chunks(n).enumerate() {
+        // Without unknowns there are no columns of any length.
+        let columns = self.lu.chunks(n.max(1)).enumerate();
+        for (k, column) in columns.clone() {
             let known = z[k];
             subtract(&mut z[k + 1..], known, &column[k + 1..]);
         }
-        for (k, column) in self.lu.chunks(n).enumerate().rev() {
+        for (k, column) in columns.rev() {
             z[k] /= column[k];
             let known = z[k];
             subtract(&mut z[..k], known, &column[..k]);
@@ -179,7 +181,7 @@ mod tests {
     /// Sizes at, below and above the widths that columns are taken by. A residual of n ε times the pivots' growth; 1e-9 leaves room for ill conditions.
     #[test]
     fn products_with_the_solution_give_the_right_hand_side() {
-        for n in [1, 2, NARROW, NARROW + 1, 2 * BLOCK - 1, 2 * BLOCK, 2 * BLOCK + 1, 333] {
+        for n in [0, 1, 2, NARROW, NARROW + 1, 2 * BLOCK - 1, 2 * BLOCK, 2 * BLOCK + 1, 333] {
             let a = disordered(n);
             let exact: Vec<f64> = (0..n).map(|i| 1.0 - (i % 7) as f64).collect();
             let (mut b, mut x, mut z) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
