@@ -83,7 +83,7 @@ struct Flow<const D: usize> {
     /// Right side of an equation and its solution, by unknown.
     source: Vec<f64>,
     unknowns: Vec<f64>,
-    /// A vector field by unknown, and `T` of the velocity; see [`look_at_velocity`](Self::look_at_velocity). Before there are unknowns `strain` is how the
+    /// A vector field by unknown (behind a step the pushes on walls, by row), and `T` of the velocity; see [`look_at_velocity`](Self::look_at_velocity). Before there are unknowns `strain` is how the
     /// flow stretches, 1/s, by row.
     by_unknown: Vec<[f64; D]>,
     strain: Vec<Matrix<D>>,

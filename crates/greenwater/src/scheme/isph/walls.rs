@@ -137,26 +137,41 @@ impl<const D: usize> Flow<D> {
     }
 
     /// Forces on walls: friction is there already; adds the rest, and shares out what the momentum of the fluid says is missing.
+    ///
+    /// The gradient is exact rather than conservative, so that the balance of momentum differs a little from the sum over pairs. Where
+    /// particles stand unevenly, all pressures of pairs push by the same share too much or too little (1 % beside packed water): the
+    /// pushes are off by one factor `1 + ε`, and each by a share of its own. With both errors equally likely, least squares give
+    /// `ε = R·P/(P² + Σ P_w²)` for the push `P` on all walls, of which `R` is missing. What remains is shared out in proportion to the
+    /// forces, direction by direction.
     pub(super) fn wall_forces(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let owned = p.owned();
         let mut force = std::mem::take(&mut p.force);
+        let mut push = std::mem::take(&mut self.by_unknown);
+        push.resize(owned, [0.0; D]);
         let this = &*self;
-        update(&mut force[..owned], |a, force| {
-            if p.kind[a] == Kind::Wall {
-                *force += this.wall_force(p, domain, dt, a);
-            }
-        });
+        sweep(&mut push, |a| if p.kind[a] == Kind::Wall { this.wall_force(p, domain, dt, a).0 } else { [0.0; D] });
+
+        let balance = total(owned, |a| if p.is_fluid(a) { p.mass[a] * (this.medium.gravity - p.acceleration[a]) } else { Vector::ZERO });
+        let pushed = total(owned, |a| Vector(push[a]));
+        let missing = balance - total(owned, |a| force[a]) - pushed;
+        let squares = pushed.norm_squared() + sum(owned, |a| Vector(push[a]).norm_squared());
+        let factor = if squares > 0.0 { 1.0 + (missing.dot(pushed) / squares).clamp(-1.0, 1.0) } else { 1.0 };
+        update(&mut force[..owned], |a, force| *force += factor * Vector(push[a]));
+
+        let missing = balance - total(owned, |a| force[a]);
         for d in 0..D {
-            let on_walls = sum(owned, |a| force[a][d]);
             let exerted = sum(owned, |a| force[a][d].abs());
-            let of_fluid = sum(owned, |a| if p.is_fluid(a) { p.mass[a] * (p.acceleration[a][d] - self.medium.gravity[d]) } else { 0.0 });
-            // The gradient is exact rather than conservative: the balance of momentum differs a little from the sum over pairs.
-            let missing = -of_fluid - on_walls;
             if exerted > 0.0 {
-                let share = (missing / exerted).clamp(-1.0, 1.0);
+                let share = (missing[d] / exerted).clamp(-1.0, 1.0);
                 update(&mut force[..owned], |_, force| force[d] += share * force[d].abs());
             }
         }
+        self.by_unknown = push;
         p.force = force;
     }
+}
+
+/// Sum of a vector over the first `n` rows.
+fn total<const D: usize>(n: usize, of: impl Fn(usize) -> Vector<D> + Sync) -> Vector<D> {
+    Vector(std::array::from_fn(|d| sum(n, |a| of(a)[d])))
 }
