@@ -4,6 +4,26 @@ use crate::lanes::Record;
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 
+/// Lengths after which a box repeats, m; infinite along its open axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Periods<const D: usize>(Vector<D>);
+
+impl<const D: usize> Periods<D> {
+    /// Nothing repeats.
+    pub const NONE: Self = Self(Vector([f64::INFINITY; D]));
+
+    /// Those of a box from `min` to `max`, m, periodic along the axes where `periodic` says so.
+    pub fn of(min: Vector<D>, max: Vector<D>, periodic: [bool; D]) -> Self {
+        Self(Vector(std::array::from_fn(|d| if periodic[d] { max[d] - min[d] } else { f64::INFINITY })))
+    }
+
+    /// The difference of two positions (m) to the nearest image.
+    pub fn nearest(self, away: Vector<D>) -> Vector<D> {
+        let along = |d: usize| if self.0[d].is_finite() { away[d] - self.0[d] * (away[d] / self.0[d]).round() } else { away[d] };
+        Vector(std::array::from_fn(along))
+    }
+}
+
 /// A box, periodic along some axes. Along the others it is open: a fluid particle that leaves is lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Domain<const D: usize> {

@@ -28,6 +28,17 @@ impl<const D: usize> Motion<D> {
         ((start + 4.0 * middle + end) / 6.0, (end - start) / dt)
     }
 
+    /// How far the walls go up to `end` (s), m, along each axis at the least and at the most; zero where they stay.
+    pub fn path(&self, end: f64) -> (Vector<D>, Vector<D>) {
+        let (mut least, mut most, mut at) = (Vector::ZERO, Vector::ZERO, Vector::ZERO);
+        let dt = if self.moves { end / 1000.0 } else { 0.0 };
+        for i in 0..1000 {
+            at += dt * self.over(dt * f64::from(i), dt.max(f64::MIN_POSITIVE)).0;
+            (least, most) = (least.zip(at, f64::min), most.zip(at, f64::max));
+        }
+        (least, most)
+    }
+
     /// The largest speed at 1000 even times up to `end` (s), m/s; NaN if the velocity is not finite at one of them.
     pub fn fastest(&self, end: f64) -> f64 {
         let speeds = (0..=1000).map(|i| self.at(end * f64::from(i) / 1000.0).norm());

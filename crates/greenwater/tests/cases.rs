@@ -337,8 +337,14 @@ fn bad_values_are_named_with_line_value_and_rule() {
         ("end = 1.0", "end = 0.0", "dam.toml:14: `time.end` is 0, but must be > 0"),
         ("end = 1.0", "end = 1.0\ncourant = 1.5", "dam.toml:15: `time.courant` is 1.5, but must be > 0 and <= 1"),
         ("end = 1.0", "end = 1.0\nstep = -1e-3", "`time.step` is -0.001, but must be > 0"),
+        ("end = 1.0", "end = 1.0\nstep = 1.5", "`time.step` is 1.5, but must be at most `time.end`, 1 s"),
         ("end = 1.0", "end = 1.0\nmax_steps = -5", "`time.max_steps` has a value of the wrong type"),
         ("[time]", "[kernel]\nh_over_spacing = 0\n[time]", "dam.toml:14: `kernel.h_over_spacing` is 0, but must be 0.5 to 5"),
+        (
+            "[time]",
+            "[kernel]\nname = \"wendland-c2\"\nh_over_spacing = 0.5\n[time]",
+            "`kernel.h_over_spacing` is 0.5, but must be at least 0.750 with the kernel `wendland-c2`",
+        ),
         ("[time]", "[kernel]\nname = \"wendland\"\n[time]", "`kernel.name` is \"wendland\", which is unknown, did you mean `wendland-c2`?"),
         ("[time]", "[method]\nname = \"sph\"\n[time]", "`method.name` is \"sph\", which is unknown"),
         ("[time]", "[method]\nalfa = 1.0\n[time]", "dam.toml:14: unknown key `method.alfa`, did you mean `alpha`?"),
@@ -359,6 +365,25 @@ fn bad_values_are_named_with_line_value_and_rule() {
             "dam.toml:18: `probe[0].position` is [200.0, 0.1], but must be inside the domain",
         ),
         ("position = [2.0, 0.1]", "position = [2.0]", "`probe[0].position` is a list of 1, but must be a list of 2"),
+        (
+            "position = [2.0, 0.1]",
+            "position = [2.5, 0.1]",
+            "its middle at [2.5, 0.1], 0.3536 m from the nearest wall particle, but must be within 0.2600 m of the face of a wall or of the \
+             fluid, or the probe will never feel anything; move it to the face of the wall, half a spacing before the particle at [2.05, 0.05] m",
+        ),
+        (
+            "position = [2.0, 0.1]",
+            "position = [2.15, 0.15]",
+            "its middle at [2.15, 0.15], inside a wall, but must be before the face of a wall",
+        ),
+        ("position = [2.0, 0.1]", "position = [2.0, 0.1]\nsize = 3.0\nnormal = [-1, 0]", "`probe[0].size` is its rim at [2.0, -1.4]"),
+        ("position = [2.0, 0.1]", "position = [2.0, 0.1]\nsize = 1e9\nnormal = [-1, 0]", "covered by at most 1000000 places"),
+        (
+            "[time]",
+            "[domain]\nmin = [-1e9, -1e9]\nmax = [1e9, 1e9]\n[[gauge]]\nname = \"q\"\nquantity = \"flow\"\nfrom = [1, -1e8]\nto = [1, 1e8]\n[time]",
+            "at most 1000000 places",
+        ),
+        ("name = \"P1\"", "name = \"time\"", "`probe[0].name` is \"time\", but must be another name"),
         ("name = \"P1\"", "name = \"P,1\"", "dam.toml:17: `probe[0].name` is \"P,1\", but must be letters, digits"),
         ("[time]", "[[probe]]\nname = \"P1\"\nposition = [0.1, 0.1]\n[time]", "`probe[1].name` is \"P1\", but must be unique"),
         (
@@ -382,6 +407,19 @@ fn bad_values_are_named_with_line_value_and_rule() {
     }
     let empty = parse("").unwrap_err();
     assert_eq!((empty.to_string(), empty.exit_code()), ("dam.toml: `format` is missing: Version of the case format.".to_owned(), 2));
+}
+
+/// A tank that is driven off takes its fluid along: the region that counts is as much longer as the tank goes, 3 m.
+#[test]
+fn the_region_goes_as_far_as_walls_do() {
+    let bounds = |walls: &str| {
+        let text = GOOD.replace("shapes = [{ tank", &format!("shapes = [{{ {walls} tank"));
+        two_d(parse(&text).unwrap_or_else(|error| panic!("{error}"))).bounds
+    };
+    let (still, driven) = (bounds(""), bounds("velocity = [\"6*t\", \"0\"],"));
+    // 1e-9: a sum of a thousand pieces.
+    assert!((driven.max[0] - still.max[0] - 3.0).abs() < 1e-9 && driven.min == still.min, "{driven:?}");
+    assert_eq!(bounds("velocity = [\"6*t\", \"0\"], moves = false,"), still);
 }
 
 #[test]
@@ -413,6 +451,8 @@ fn references_are_checked_with_their_curve() {
     for (from, to, expected) in [
         ("\"front\"", "\"frnt\"", "`compare.reference[0].quantity` is \"frnt\""),
         ("\"front\"", "\"probe:P9\"", "with the name of an instrument"),
+        ("\"front\"", "\"load:all.fq\"", "a load has fx, fy and mz"),
+        ("\"front\"", "\"load:all.fz\"", "a load has fx, fy and mz"),
         ("[1.0, 2.0]", "[0.0, 2.0]", "`compare.reference[0].points[1]` is [0.0, 2.0], but must be later than the point before it"),
         ("time_scale = 1.0", "time_scale = 0", "`compare.reference[0].time_scale` is 0, but must be > 0"),
         ("source = \"s\"\n", "", "`compare.reference[0].source` is missing: Where the values come from."),

@@ -107,6 +107,7 @@ fn check_names<'a>(list: &str, names: impl Iterator<Item = &'a String>, source: 
         let key = format!("{list}[{i}].name");
         plain_name(name, &key, source)?;
         source.rule(!known.contains(&name), &key, format!("{name:?}"), format!("unique; another {list} has this name"))?;
+        source.rule(name != "time", &key, format!("{name:?}"), "another name; its table has a column `time` already")?;
         known.push(name);
     }
     Ok(())
@@ -147,41 +148,62 @@ pub(super) fn sensors<const D: usize>(
                 Vector::ZERO
             }
         };
-        check_reach(place, bounds, particles, medium, &key("position"), source)?;
-        sensors.push(Sensor::new(probe.name.clone(), place, probe.size, normal, medium.spacing));
+        let near = Near { bounds, particles, medium, source };
+        near.check(place, "its middle", &key("position"))?;
+        if probe.size > 0.0 {
+            let places = Sensor::<D>::places(probe.size, medium.spacing);
+            let rule = format!("covered by at most {MOST_PLACES} places at half a spacing; here it takes {places:e}");
+            source.rule(places <= MOST_PLACES, &key("size"), format!("{} m", probe.size), rule)?;
+            for end in Sensor::rim(place, probe.size, normal) {
+                near.check(end, "its rim", &key("size"))?;
+            }
+        }
+        sensors.push(Sensor::new(probe.name.clone(), place, probe.size, normal, medium.spacing).in_box(bounds.periods()));
     }
     Ok(sensors)
 }
 
-/// A probe sees something: a wall on which it sits, or fluid.
-fn check_reach<const D: usize>(
-    x: Vector<D>,
-    bounds: &Bounds<D>,
-    particles: &Particles<D>,
-    medium: &Medium<D>,
-    key: &str,
-    source: &Source,
-) -> Result<(), CaseError> {
-    let distance = |a: usize| {
-        let away = particles.x[a] - x;
-        let nearest = |d: usize| {
-            let period = bounds.max[d] - bounds.min[d];
-            if bounds.periodic[d] { away[d] - period * (away[d] / period).round() } else { away[d] }
+/// Places at which one instrument is evaluated, at the most: 24 MB of them.
+const MOST_PLACES: f64 = 1e6;
+
+/// What a probe has around it.
+struct Near<'a, const D: usize> {
+    bounds: &'a Bounds<D>,
+    particles: &'a Particles<D>,
+    medium: &'a Medium<D>,
+    source: &'a Source,
+}
+
+impl<const D: usize> Near<'_, D> {
+    /// The particle nearest to `x` of those that `count`, and how far it is, m.
+    fn nearest(&self, x: Vector<D>, count: impl Fn(usize) -> bool) -> Option<(f64, usize)> {
+        let distance = |a: usize| self.bounds.periods().nearest(self.particles.x[a] - x).norm();
+        (0..self.particles.owned()).filter(|&a| count(a)).map(|a| (distance(a), a)).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// The place `x` of a probe, `what` of it, sees something: the face of a wall, or fluid.
+    fn check(&self, x: Vector<D>, what: &str, key: &str) -> Result<(), CaseError> {
+        let (p, reach) = (self.particles, reach(self.medium));
+        let is_face = |a: usize| p.kind[a] == Kind::Wall && p.layer[a] <= 1;
+        let Some((away, a)) = self.nearest(x, |_| true) else { return Ok(()) };
+        let behind = p.kind[a] == Kind::Wall && !is_face(a);
+        if away <= reach && !behind {
+            return Ok(());
+        }
+        let cure = match self.nearest(x, is_face).or_else(|| self.nearest(x, |a| p.is_fluid(a))) {
+            Some((_, a)) if p.is_fluid(a) => format!("; move it to the fluid, which is nearest at {:?} m", p.x[a].0),
+            Some((_, a)) => format!("; move it to the face of the wall, half a spacing before the particle at {:?} m", p.x[a].0),
+            None => String::new(),
         };
-        Vector::<D>(std::array::from_fn(nearest)).norm()
-    };
-    let nearest = (0..particles.owned()).map(|a| (distance(a), a)).min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((away, a)) = nearest.filter(|(away, _)| *away > reach(medium)) else { return Ok(()) };
-    let what = if particles.kind[a] == Kind::Wall { "wall" } else { "fluid" };
-    Err(source.broken(
-        key,
-        format!("{:?}, {away:.4} m from the nearest {what} particle", x.0),
-        format!(
-            "within {:.4} m of a wall or of the fluid, or the probe will never feel anything; move it onto the wall, which is nearest at {:?} m",
-            reach(medium),
-            particles.x[a].0
-        ),
-    ))
+        let kind = if p.kind[a] == Kind::Wall { "wall" } else { "fluid" };
+        let (value, rule) = if behind && away <= reach {
+            (format!("{:?}, inside a wall", x.0), "before the face of a wall, or the probe will never feel anything".to_owned())
+        } else {
+            let rule = format!("within {reach:.4} m of the face of a wall or of the fluid, or the probe will never feel anything");
+            (format!("{:?}, {away:.4} m from the nearest {kind} particle", x.0), rule)
+        };
+        Err(self.source.broken(key, format!("{what} at {value}"), rule + &cure))
+    }
 }
 
 pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, source: &Source) -> Result<Vec<Gauge<D>>, CaseError> {
@@ -204,8 +226,8 @@ pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, 
         };
         let name = gauge.name.clone();
         gauges.push(match gauge.quantity {
-            GaugeQuantity::Elevation => Gauge { name, kind: GaugeKind::Elevation(upright("elevation")?) },
-            GaugeQuantity::Depth => Gauge { name, kind: GaugeKind::Depth(upright("depth")?) },
+            GaugeQuantity::Elevation => Gauge { name, kind: GaugeKind::Elevation(upright("elevation")?), periods: bounds.periods() },
+            GaugeQuantity::Depth => Gauge { name, kind: GaugeKind::Depth(upright("depth")?), periods: bounds.periods() },
             GaugeQuantity::Flow => {
                 unused(&gauge.position, "position", "flow")?;
                 let (from, to) = (needed(&gauge.from, "from", "flow")?, needed(&gauge.to, "to", "flow")?);
@@ -221,7 +243,12 @@ pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, 
                     );
                     source.rule(flat == 1, &key("to"), text, rule)?;
                 }
-                Gauge::flow(name, from, to, dx)
+                let places = Gauge::places(from, to, dx);
+                let rule = format!(
+                    "so near to `from` that at most {MOST_PLACES} places at half a spacing lie between them; here there are {places:e}"
+                );
+                source.rule(places <= MOST_PLACES, &key("to"), format!("{:?}", to.0), rule)?;
+                Gauge::flow(name, (from, to), dx, bounds.periods())
             }
         });
     }

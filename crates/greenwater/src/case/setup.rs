@@ -13,7 +13,7 @@ use super::particle_file;
 use super::sections::{Arrangement, InitialPressure, Kernel, Precision, Reference, Sections, Time};
 use super::shape::{AXES, Lattice, Region, Shape, is_whole, too_close, vector};
 use super::source::{Source, inside};
-use crate::domain::Domain;
+use crate::domain::{Domain, Periods};
 use crate::kernel::KernelName;
 use crate::machine::memory;
 use crate::math::Vector;
@@ -96,6 +96,13 @@ pub struct Bounds<const D: usize> {
     pub periodic: [bool; D],
 }
 
+impl<const D: usize> Bounds<D> {
+    /// Lengths after which the region repeats.
+    pub fn periods(&self) -> Periods<D> {
+        Periods::of(self.min, self.max, self.periodic)
+    }
+}
+
 /// What is written, and when.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputPlan {
@@ -174,10 +181,18 @@ impl<const D: usize> Setup<D> {
             source.rule(ratio == own_ratio, "kernel.h_over_spacing", ratio, rule(&own_ratio.to_string()))?;
         }
         check((0.5..=5.0).contains(&ratio), "kernel.h_over_spacing", ratio, "0.5 to 5")?;
+        let rule = format!(
+            "at least {:.3} with the kernel `{}`: its support of {} smoothing lengths has to hold the neighbours across a cell, 1.5 spacings away",
+            1.5 / kernel.radius(),
+            kernel.name(),
+            kernel.radius()
+        );
+        source.rule(!s.method.name.takes_kernel() || ratio * kernel.radius() >= 1.5, "kernel.h_over_spacing", ratio, rule)?;
         check(s.time.end > 0.0, "time.end", s.time.end, "> 0")?;
         check(s.time.courant > 0.0 && s.time.courant <= 1.0, "time.courant", s.time.courant, "> 0 and <= 1")?;
         if let Some(step) = s.time.step {
             check(step > 0.0, "time.step", step, "> 0")?;
+            source.rule(step <= s.time.end, "time.step", step, format!("at most `time.end`, {} s", s.time.end))?;
         }
         let gravity = match &s.gravity.acceleration {
             Some(numbers) => vector(numbers, "gravity.acceleration", source)?,
@@ -253,7 +268,7 @@ impl<const D: usize> Setup<D> {
         let fluid_volume = bodies.rows.iter().filter(is_fluid).map(|row| row.particle.mass / row.particle.density).sum();
         let particles = bodies.into_particles(source)?;
 
-        let bounds = bounds(s, kernel.radius(), &particles, fluid_box, up, source)?;
+        let bounds = bounds(s, kernel.radius(), &particles, fluid_box, (up, &motions), source)?;
         let medium = Medium {
             rest_density: density,
             viscosity: s.fluid.viscosity,
@@ -275,7 +290,7 @@ impl<const D: usize> Setup<D> {
         }
         let gauges = instruments::gauges(s, &bounds, dx, source)?;
         let loads = instruments::loads(s, source)?;
-        let compare = compare_plan(s, source)?;
+        let compare = compare_plan::<D>(s, source)?;
         let output = output_plan(s, &compare, source)?;
 
         let time_step = s.time.step.or_else(|| {
@@ -696,7 +711,7 @@ fn bounds<const D: usize>(
     kernel_radius: f64,
     particles: &Particles<D>,
     fluid_box: (Vector<D>, Vector<D>),
-    up: Vector<D>,
+    (up, motions): (Vector<D>, &[Motion<D>]),
     source: &Source,
 ) -> Result<Bounds<D>, CaseError> {
     let mut periodic = [false; D];
@@ -711,7 +726,10 @@ fn bounds<const D: usize>(
     // back: ten times as far against gravity.
     let size = (high - low).0.into_iter().fold(0.0, f64::max);
     let margin = |along_up: f64| size * (1.0 + 9.0 * along_up.max(0.0));
-    let (mut min, mut max) = (low - (-up).map(margin), high + up.map(margin));
+    // Walls take the fluid along.
+    let paths = motions.iter().map(|motion| motion.path(s.time.end));
+    let (back, forth) = paths.reduce(join).unwrap_or_default();
+    let (mut min, mut max) = (low - (-up).map(margin) + back, high + up.map(margin) + forth);
     for (key, given, slot) in [("domain.min", &s.domain.min, &mut min), ("domain.max", &s.domain.max, &mut max)] {
         match given {
             Some(numbers) => *slot = vector(numbers, key, source)?,
@@ -738,7 +756,7 @@ fn bounds<const D: usize>(
     Ok(Bounds { min, max, periodic })
 }
 
-fn compare_plan(s: &Sections, source: &Source) -> Result<ComparePlan, CaseError> {
+fn compare_plan<const D: usize>(s: &Sections, source: &Source) -> Result<ComparePlan, CaseError> {
     let mut methods = Vec::new();
     source.rule(!s.compare.methods.is_empty(), "compare.methods", "an empty list", "at least one method")?;
     for (i, text) in s.compare.methods.iter().enumerate() {
@@ -763,12 +781,14 @@ fn compare_plan(s: &Sections, source: &Source) -> Result<ComparePlan, CaseError>
             None => match (curve.quantity.strip_prefix("gauge:"), curve.quantity.strip_prefix("load:")) {
                 (Some(name), _) => s.gauge.iter().any(|gauge| gauge.name == name),
                 (_, Some(column)) => {
-                    s.load.iter().any(|load| column.strip_prefix(load.name.as_str()).is_some_and(|rest| rest.starts_with('.')))
+                    let components: &[&str] = if D == 2 { &["fx", "fy", "mz"] } else { &["fx", "fy", "fz", "mx", "my", "mz"] };
+                    let named = column.rsplit_once('.').filter(|(_, component)| components.contains(component));
+                    named.is_some_and(|(name, _)| s.load.iter().any(|load| load.name == name))
                 }
                 _ => ["front", "residual_height"].contains(&curve.quantity.as_str()),
             },
         };
-        let rule = "\"front\", \"residual_height\", \"probe:NAME\", \"gauge:NAME\" or \"load:NAME.fx\" with the name of an instrument";
+        let rule = "\"front\", \"residual_height\", \"probe:NAME\", \"gauge:NAME\" or \"load:NAME.fx\" with the name of an instrument; a load has fx, fy and mz, in 3D also fz, mx and my";
         source.rule(known, &key("quantity"), format!("{:?}", curve.quantity), rule)?;
         source.rule(curve.time_scale > 0.0, &key("time_scale"), curve.time_scale, "> 0")?;
         source.rule(curve.value_scale > 0.0, &key("value_scale"), curve.value_scale, "> 0")?;

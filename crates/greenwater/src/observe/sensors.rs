@@ -1,5 +1,6 @@
 //! Instruments inside the run: pressure sensors on walls, water levels, flow through lines, force and moment on walls.
 
+use crate::domain::Periods;
 use crate::kernel::{Kernel, WendlandC2};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
@@ -33,6 +34,7 @@ pub struct Sensor<const D: usize> {
     points: Vec<Vector<D>>,
     /// The least pressure that reaches it, Pa.
     least: f64,
+    periods: Periods<D>,
 }
 
 impl<const D: usize> Sensor<D> {
@@ -47,7 +49,24 @@ impl<const D: usize> Sensor<D> {
         } else {
             vec![position]
         };
-        Self { name, position, size, points, least: f64::NEG_INFINITY }
+        Self { name, position, size, points, least: f64::NEG_INFINITY, periods: Periods::NONE }
+    }
+
+    /// The same sensor in a box that repeats: it feels images as well.
+    pub fn in_box(self, periods: Periods<D>) -> Self {
+        Self { periods, ..self }
+    }
+
+    /// The places of its rim, m, that lie farthest from each other: two in 2D, four in 3D.
+    pub fn rim(position: Vector<D>, size: f64, normal: Vector<D>) -> Vec<Vector<D>> {
+        let (first, second) = across(normal);
+        let ways = [first, -first, second, -second];
+        ways[..2 * (D - 1)].iter().map(|&way| position + 0.5 * size * way).collect()
+    }
+
+    /// How many places a sensor of so many metres is evaluated at, as a bound.
+    pub fn places(size: f64, spacing: f64) -> f64 {
+        (1..D).map(|_| pieces(size, spacing)).product()
     }
 
     /// The same sensor on a wall that cannot hold fluid back: it feels no pressure below zero, as the loads on that wall do not.
@@ -64,17 +83,57 @@ impl<const D: usize> Sensor<D> {
     pub fn pressure(&self, p: &Particles<D>, medium: &Medium<D>) -> f64 {
         let reach = reach(medium);
         let around = reach + 0.5 * self.size;
-        let near: Vec<usize> =
-            (0..p.owned()).filter(|&a| p.is_fluid(a) && (p.x[a] - self.position).norm_squared() < around * around).collect();
-        let sum: f64 = self.points.iter().map(|&y| pressure_at(p, medium, &near, y, (reach, self.least))).sum();
+        let near: Vec<usize> = (0..p.owned())
+            .filter(|&a| p.is_fluid(a) && self.periods.nearest(p.x[a] - self.position).norm_squared() < around * around)
+            .collect();
+        let sum: f64 = self.points.iter().map(|&y| self.pressure_at(p, medium, &near, y, reach)).sum();
         sum / self.points.len() as f64
+    }
+
+    fn pressure_at(&self, p: &Particles<D>, medium: &Medium<D>, near: &[usize], y: Vector<D>, reach: f64) -> f64 {
+        let order = D + 1;
+        let mut matrix = [[0.0; 5]; 4];
+        let (mut count, mut weight, mut total) = (0, 0.0, 0.0);
+        for &a in near {
+            let away = self.periods.nearest(p.x[a] - y);
+            if away.norm_squared() >= reach * reach {
+                continue;
+            }
+            let w = share(p, medium, a, away);
+            let value = p.pressure[a].max(self.least) - medium.rest_density * medium.gravity.dot(away);
+            count += 1;
+            weight += w;
+            total += w * value;
+            let mut row = [0.0; 5];
+            row[0] = 1.0;
+            for d in 0..D {
+                row[1 + d] = away[d] / medium.spacing;
+            }
+            row[order] = value;
+            for i in 0..order {
+                for j in 0..=order {
+                    matrix[i][j] += w * row[i] * row[j];
+                }
+            }
+        }
+        if weight == 0.0 {
+            return 0.0;
+        }
+        let plane = if count >= 2 * order { super::solve_small(&mut matrix, order) } else { None };
+        let wet = (weight / 0.25).min(1.0);
+        (wet * plane.map_or(total / weight, |plane| plane[0])).max(self.least)
     }
 }
 
 /// Places along a strip, m from its middle: the middles of pieces of at most half a spacing.
 fn strip(size: f64, spacing: f64) -> Vec<f64> {
-    let pieces = (size / (0.5 * spacing)).ceil().max(1.0);
+    let pieces = pieces(size, spacing);
     (0..pieces as usize).map(|i| size * ((i as f64 + 0.5) / pieces - 0.5)).collect()
+}
+
+/// Number of pieces of at most half a spacing.
+fn pieces(size: f64, spacing: f64) -> f64 {
+    (size / (0.5 * spacing)).ceil().max(1.0)
 }
 
 /// Places on a disc, m from its middle: a square grid of pieces of at most half a spacing, cut round.
@@ -104,40 +163,6 @@ fn across<const D: usize>(normal: Vector<D>) -> (Vector<D>, Vector<D>) {
     (first, second)
 }
 
-fn pressure_at<const D: usize>(p: &Particles<D>, medium: &Medium<D>, near: &[usize], y: Vector<D>, (reach, least): (f64, f64)) -> f64 {
-    let order = D + 1;
-    let mut matrix = [[0.0; 5]; 4];
-    let (mut count, mut weight, mut total) = (0, 0.0, 0.0);
-    for &a in near {
-        let away = p.x[a] - y;
-        if away.norm_squared() >= reach * reach {
-            continue;
-        }
-        let w = share(p, medium, a, away);
-        let value = p.pressure[a].max(least) - medium.rest_density * medium.gravity.dot(away);
-        count += 1;
-        weight += w;
-        total += w * value;
-        let mut row = [0.0; 5];
-        row[0] = 1.0;
-        for d in 0..D {
-            row[1 + d] = away[d] / medium.spacing;
-        }
-        row[order] = value;
-        for i in 0..order {
-            for j in 0..=order {
-                matrix[i][j] += w * row[i] * row[j];
-            }
-        }
-    }
-    if weight == 0.0 {
-        return 0.0;
-    }
-    let plane = if count >= 2 * order { super::solve_small(&mut matrix, order) } else { None };
-    let wet = (weight / 0.25).min(1.0);
-    (wet * plane.map_or(total / weight, |plane| plane[0])).max(least)
-}
-
 /// A line that tells how high the water stands on it, or how much passes through it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gauge<const D: usize> {
@@ -145,6 +170,8 @@ pub struct Gauge<const D: usize> {
     pub name: String,
     /// What it tells.
     pub kind: GaugeKind<D>,
+    /// What repeats of the box it stands in: images of particles count.
+    pub periods: Periods<D>,
 }
 
 /// What a [`Gauge`] tells.
@@ -168,7 +195,7 @@ pub enum GaugeKind<const D: usize> {
 
 impl<const D: usize> Gauge<D> {
     /// A gauge of the flow from the line `from`–`to` (2D: any line; 3D: a rectangle with corners there, flat along one axis).
-    pub fn flow(name: String, from: Vector<D>, to: Vector<D>, spacing: f64) -> Self {
+    pub fn flow(name: String, (from, to): (Vector<D>, Vector<D>), spacing: f64, periods: Periods<D>) -> Self {
         let span = to - from;
         let flat = if D == 2 { D } else { (0..D).find(|&d| span[d] == 0.0).unwrap_or(D - 1) };
         let (mut points, mut piece) = (vec![0.5 * (from + to)], 1.0);
@@ -187,15 +214,21 @@ impl<const D: usize> Gauge<D> {
                 points = points.iter().flat_map(|&x| places.iter().map(move |&s| x + s * Vector::unit(d))).collect();
             }
         }
-        Self { name, kind: GaugeKind::Flow { points, normal, piece } }
+        Self { name, kind: GaugeKind::Flow { points, normal, piece }, periods }
+    }
+
+    /// How many places a gauge of the flow from `from` to `to` (m) is evaluated at.
+    pub fn places(from: Vector<D>, to: Vector<D>, spacing: f64) -> f64 {
+        let span = to - from;
+        if D == 2 { pieces(span.norm(), spacing) } else { (0..D).map(|d| pieces(span[d].abs(), spacing)).product() }
     }
 
     /// What it tells now, in the unit of its kind.
     pub fn value(&self, p: &Particles<D>, medium: &Medium<D>) -> f64 {
         match &self.kind {
-            GaugeKind::Elevation(point) => Column::of(p, medium, *point).elevation(),
-            GaugeKind::Depth(point) => Column::of(p, medium, *point).depth(),
-            GaugeKind::Flow { points, normal, piece } => flow(p, medium, points, *normal) * piece,
+            GaugeKind::Elevation(point) => Column::of(p, medium, *point, self.periods).elevation(),
+            GaugeKind::Depth(point) => Column::of(p, medium, *point, self.periods).depth(),
+            GaugeKind::Flow { points, normal, piece } => flow(p, medium, points, *normal, self.periods) * piece,
         }
     }
 }
@@ -220,19 +253,21 @@ struct Column<'a, const D: usize> {
     up: Vector<D>,
     /// Height of the highest fluid particle, m; minus infinity without one.
     top: f64,
+    periods: Periods<D>,
 }
 
 impl<'a, const D: usize> Column<'a, D> {
     /// Around the line through `point`, m.
-    fn of(p: &'a Particles<D>, medium: &'a Medium<D>, point: Vector<D>) -> Self {
+    fn of(p: &'a Particles<D>, medium: &'a Medium<D>, point: Vector<D>, periods: Periods<D>) -> Self {
         let up = if medium.g() > 0.0 { -medium.gravity / medium.g() } else { Vector::unit(D - 1) };
         let height = |x: Vector<D>| x.dot(up) - medium.floor;
         let reach = reach(medium);
         let across = |away: Vector<D>| away - away.dot(up) * up;
-        let near: Vec<usize> =
-            (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost && across(p.x[a] - point).norm_squared() < reach * reach).collect();
+        let near: Vec<usize> = (0..p.owned())
+            .filter(|&a| p.kind[a] != Kind::Lost && across(periods.nearest(p.x[a] - point)).norm_squared() < reach * reach)
+            .collect();
         let top = near.iter().filter(|&&a| p.is_fluid(a)).map(|&a| height(p.x[a])).fold(f64::NEG_INFINITY, f64::max);
-        Self { p, medium, near, foot: point - height(point) * up, up, top }
+        Self { p, medium, near, foot: point - height(point) * up, up, top, periods }
     }
 
     /// Highest point where fluid fills half of the space that walls leave, m above the floor; 0 if there is none. A lone particle fills
@@ -268,7 +303,7 @@ impl<'a, const D: usize> Column<'a, D> {
         let (x, reach) = (self.foot + at * self.up, reach(self.medium));
         let (mut fluid, mut wall) = (0.0, 0.0);
         for &a in &self.near {
-            let away = self.p.x[a] - x;
+            let away = self.periods.nearest(self.p.x[a] - x);
             if away.norm_squared() < reach * reach {
                 *if self.p.is_fluid(a) { &mut fluid } else { &mut wall } += share(self.p, self.medium, a, away);
             }
@@ -279,14 +314,19 @@ impl<'a, const D: usize> Column<'a, D> {
 }
 
 /// `Σ_points Σ_j V_j (v_j·n) W / (1 − Σ_wall V W)`, m/s: the velocity, zero where there is no fluid, summed over the points.
-fn flow<const D: usize>(p: &Particles<D>, medium: &Medium<D>, points: &[Vector<D>], normal: Vector<D>) -> f64 {
+fn flow<const D: usize>(p: &Particles<D>, medium: &Medium<D>, points: &[Vector<D>], normal: Vector<D>, periods: Periods<D>) -> f64 {
     let reach = reach(medium);
-    let along = |x: Vector<D>| (x - points[0]).dot(normal);
-    let near: Vec<usize> = (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost && along(p.x[a]).abs() < reach).collect();
+    // First and last are opposite ends: no image farther from the first than the last counts anywhere.
+    let around = (points[points.len() - 1] - points[0]).norm() + reach;
+    let is_near = |x: Vector<D>| {
+        let away = x - points[0];
+        if periods == Periods::NONE { away.dot(normal).abs() < reach } else { periods.nearest(away).norm() < around }
+    };
+    let near: Vec<usize> = (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost && is_near(p.x[a])).collect();
     let through = |&x: &Vector<D>| {
         let (mut flow, mut wall) = (0.0, 0.0);
         for &a in &near {
-            let away = p.x[a] - x;
+            let away = periods.nearest(p.x[a] - x);
             if away.norm_squared() >= reach * reach {
                 continue;
             }
@@ -500,17 +540,46 @@ mod tests {
         assert!(a.dot(b).abs() < 1e-15 && (a.norm() - 1.0).abs() < 1e-15 && b.dot(Vector([0.0, 0.6, 0.8])).abs() < 1e-15);
     }
 
+    fn gauge<const D: usize>(kind: GaugeKind<D>) -> Gauge<D> {
+        Gauge { name: "h".into(), kind, periods: Periods::NONE }
+    }
+
+    /// Water without side walls that repeats along x: what stands on the seam tells what the same instrument tells in the middle, but
+    /// for the disorder of the particles.
+    #[test]
+    fn instruments_on_a_seam_feel_the_images() {
+        let tank = tank::<2>();
+        let mut p = Particles::new();
+        for a in (0..tank.owned()).filter(|&a| (0.0..1.0).contains(&tank.x[a][0])) {
+            let (kind, layer, x, v, mass) = (tank.kind[a], tank.layer[a], tank.x[a], tank.v[a], tank.mass[a]);
+            p.push(a as u32, Particle { kind, layer, x, v, mass, density: 1000.0, pressure: tank.pressure[a], h: tank.h[a] });
+        }
+        let periods = Periods::of(Vector([0.0, -1.0]), Vector([1.0, 3.0]), [true, false]);
+        let on = |kind: GaugeKind<2>| Gauge { name: "h".into(), kind, periods }.value(&p, &medium());
+        for x in [0.0, 0.5, 1.0] {
+            let level = on(GaugeKind::Elevation(Vector([x, 0.2])));
+            let depth = on(GaugeKind::Depth(Vector([x, 0.2])));
+            assert!((level - 1.0).abs() < 0.3 * DX && (depth - 1.0).abs() < 0.3 * DX, "x = {x}: {level}, {depth}");
+            let line = (Vector([x, 0.0]), Vector([x, 1.4]));
+            let flow = Gauge::flow("q".into(), line, DX, periods).value(&p, &medium());
+            assert!((flow - 2.0).abs() < 0.04, "x = {x}: {flow}");
+            let sensor = Sensor::new("p".into(), Vector([x, 0.0]), 0.3, Vector([0.0, 1.0]), DX).in_box(periods);
+            let told = sensor.pressure(&p, &medium());
+            assert!((told - 1e4).abs() < 1e-9 * 1e4, "x = {x}: {told}");
+        }
+    }
+
     /// The surface of the disordered block within a fifth of a spacing, also beside a wall; where it is dry, nothing.
     #[test]
     fn an_elevation_gauge_finds_the_surface() {
         let p = tank::<2>();
         for x in [0.01, 0.1, 0.5] {
-            let told = Gauge { name: "h".into(), kind: GaugeKind::Elevation(Vector([x, 0.2])) }.value(&p, &medium());
+            let told = gauge(GaugeKind::Elevation(Vector([x, 0.2]))).value(&p, &medium());
             assert!((told - 1.0).abs() < 0.2 * DX, "x = {x}: {told}");
         }
         let mut dry = p.clone();
         dry.kind.iter_mut().filter(|kind| **kind == Kind::Fluid).for_each(|kind| *kind = Kind::Lost);
-        assert_eq!(Gauge { name: "h".into(), kind: GaugeKind::Elevation(Vector([0.5, 0.2])) }.value(&dry, &medium()), 0.0);
+        assert_eq!(gauge(GaugeKind::Elevation(Vector([0.5, 0.2]))).value(&dry, &medium()), 0.0);
     }
 
     /// A drop of four particles high above the water is the highest water, and wets its own two spacings of a wire. 0.2 spacings: the
@@ -518,7 +587,7 @@ mod tests {
     #[test]
     fn spray_counts_in_an_elevation_and_hardly_in_a_depth() {
         let mut p = tank::<2>();
-        let gauge = |kind: fn(Vector<2>) -> GaugeKind<2>| Gauge { name: "h".into(), kind: kind(Vector([0.5, 0.2])) };
+        let gauge = |kind: fn(Vector<2>) -> GaugeKind<2>| gauge(kind(Vector([0.5, 0.2])));
         let before = gauge(GaugeKind::Depth).value(&p, &medium());
         assert!((before - 1.0).abs() < 0.2 * DX, "{before}");
         for (i, (across, up)) in [(-0.5, 0.0), (0.5, 0.0), (-0.5, 1.0), (0.5, 1.0)].into_iter().enumerate() {
@@ -542,11 +611,11 @@ mod tests {
             (Vector([0.3, 0.0]), Vector([0.7, 1.2]), 2.0),
             (Vector([0.2, 0.5]), Vector([0.8, 0.5]), 0.0),
         ] {
-            let told = Gauge::flow("q".into(), from, to, DX).value(&p, &medium());
+            let told = Gauge::flow("q".into(), (from, to), DX, Periods::NONE).value(&p, &medium());
             assert!((told - expected).abs() < 0.04, "{from:?} to {to:?}: {told}");
         }
         let p = tank::<3>();
-        let told = Gauge::flow("q".into(), Vector([0.5, 0.0, 0.0]), Vector([0.5, 1.0, 1.2]), DX).value(&p, &medium());
+        let told = Gauge::flow("q".into(), (Vector([0.5, 0.0, 0.0]), Vector([0.5, 1.0, 1.2])), DX, Periods::NONE).value(&p, &medium());
         assert!((told - 2.0).abs() < 0.04, "{told}");
     }
 

@@ -24,7 +24,7 @@ pub enum WallFriction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FreeSurface {
-    /// Fluid may end in air.
+    /// Fluid may end in air; not in a box that repeats along all axes and is full.
     Tracked,
     /// Fluid fills the domain: no particle is at a surface, whatever its neighbours look like.
     None,
