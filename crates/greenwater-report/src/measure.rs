@@ -120,22 +120,110 @@ pub struct Lead {
     pub percent: f64,
 }
 
+/// What the rows of a series are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rows {
+    /// Values at the times of the rows: probes and gauges.
+    Instants,
+    /// Means since the row before: loads. The first row has nothing before it and does not count.
+    Means,
+}
+
+/// A series and its integral over time. Cells that are not finite are left out; a mean then counts since the finite row before.
+struct Signal {
+    /// `[time, value]`: instants as they are, means in the middle of their time.
+    points: Vec<[f64; 2]>,
+    pieces: Vec<Piece>,
+}
+
+/// The series between two rows, straight from the first value to the last.
+struct Piece {
+    times: [f64; 2],
+    values: [f64; 2],
+    /// Integral of the series up to the start of the piece.
+    before: f64,
+}
+
+impl Piece {
+    /// Integral from the start of the piece to `time`.
+    fn area(&self, time: f64) -> f64 {
+        let ([start, end], [first, last]) = (self.times, self.values);
+        let share = (time - start) / (end - start);
+        (first + 0.5 * share * (last - first)) * (time - start)
+    }
+}
+
+impl Signal {
+    fn of(times: &[f64], values: &[f64], rows: Rows) -> Self {
+        let finite: Vec<[f64; 2]> =
+            times.iter().zip(values).map(|(&t, &v)| [t, v]).filter(|p| p[0].is_finite() && p[1].is_finite()).collect();
+        let mut pieces: Vec<Piece> = Vec::new();
+        let mut sum = 0.0;
+        for pair in finite.windows(2).filter(|pair| pair[0][0] < pair[1][0]) {
+            let first = if rows == Rows::Means { pair[1][1] } else { pair[0][1] };
+            let piece = Piece { times: [pair[0][0], pair[1][0]], values: [first, pair[1][1]], before: sum };
+            sum += piece.area(piece.times[1]);
+            pieces.push(piece);
+        }
+        let points = match rows {
+            Rows::Instants => finite,
+            Rows::Means => pieces.iter().map(|piece| [0.5 * (piece.times[0] + piece.times[1]), piece.values[1]]).collect(),
+        };
+        Self { points, pieces }
+    }
+
+    /// First and last time, s; both 0 without rows.
+    fn span(&self) -> [f64; 2] {
+        self.pieces.first().zip(self.pieces.last()).map_or([0.0; 2], |(first, last)| [first.times[0], last.times[1]])
+    }
+
+    /// Integral from the start to `time`, which lies in the span.
+    fn integral(&self, time: f64) -> f64 {
+        let k = self.pieces.partition_point(|piece| piece.times[1] < time);
+        self.pieces.get(k).map_or(0.0, |piece| piece.before + piece.area(time))
+    }
+
+    /// Mean between two times; `None` where the series does not cover them.
+    fn mean(&self, from: f64, to: f64) -> Option<f64> {
+        let [start, end] = self.span();
+        (start <= from && from < to && to <= end).then(|| (self.integral(to) - self.integral(from)) / (to - from))
+    }
+
+    /// Greatest mean in size over a window of the given width, at its middle. All windows that begin or end at a row are looked at.
+    fn greatest_mean(&self, width: f64) -> Option<Peak> {
+        let rows = self.pieces.iter().map(|piece| piece.times[0]).chain(self.pieces.last().map(|piece| piece.times[1]));
+        let windows = rows.flat_map(|row| [[row - width, row], [row, row + width]]);
+        greatest(windows.filter_map(|[from, to]| Some([0.5 * (from + to), self.mean(from, to)?])))
+    }
+}
+
+/// Greatest of `[time, value]` in size, the first of equals.
+fn greatest(points: impl Iterator<Item = [f64; 2]>) -> Option<Peak> {
+    points.map(|[time, value]| Peak { value, time }).reduce(|best, next| if next.value.abs() > best.value.abs() { next } else { best })
+}
+
 /// What an impact did: the numbers of a series of pressures or loads. Units: those of the series, and s.
+///
+/// The greatest mean over [`MEAN_WINDOW`] is the scale of all others (the peak where the case has no scales): it depends neither on the
+/// time step nor on how often a row is written. An impact has an arrival. A load that stands from the start, such as the weight of the
+/// water, has none, and no rise time: its mean over the first such window is a tenth of the greatest or more.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact {
-    /// Greatest sample in size, with its sign, and its time.
+    /// Greatest row in size, with its sign, and its time; for means the middle of theirs.
     pub peak: Peak,
-    /// Greatest mean over the window of [`MEAN_WINDOW`], with its sign, at the middle of the window: unlike the raw peak it does not
-    /// depend on the time step. Absent without scales of the case.
+    /// Greatest mean in size over the window of [`MEAN_WINDOW`], with its sign, at the middle of the window. Absent without scales of
+    /// the case, and where the run is shorter than the window.
     pub mean_peak: Option<Peak>,
-    /// Time from a tenth to nine tenths of the peak on the way to it, s.
+    /// Time at which the series first rises through a tenth of the greatest mean, in its direction.
+    pub arrival: Option<f64>,
+    /// Time from a tenth to nine tenths of the greatest mean, s: from the last rise through the one before the other is first reached.
     pub rise_time: Option<f64>,
-    /// Time at which a tenth of the peak is first reached.
-    pub arrival: f64,
-    /// Integral over the whole run.
+    /// Integral over the whole run: the sum of mean times interval for means, which is exact, else the trapezoidal rule.
     pub impulse: f64,
-    /// Mean over the window of [`QUASI_STATIC`] after the arrival; absent without scales or if the run ends before.
+    /// Mean over the window of [`QUASI_STATIC`] after the arrival; absent without an arrival or scales, or if the run ends before.
     pub quasi_static: Option<f64>,
+    /// Mean over the same window after the start of the run: for loads that stand from the start.
+    pub from_start: Option<f64>,
 }
 
 /// Width of the window of a mean peak, in `√(H/g)`.
@@ -145,62 +233,61 @@ pub const MEAN_WINDOW: f64 = 0.05;
 pub const QUASI_STATIC: [f64; 2] = [1.1, 1.9];
 
 impl Impact {
-    /// The numbers of a series; `unit` is `√(H/g)` of the case, s.
-    pub fn of(times: &[f64], values: &[f64], unit: Option<f64>) -> Option<Self> {
-        let samples: Vec<[f64; 2]> =
-            times.iter().zip(values).map(|(&t, &v)| [t, v]).filter(|p| p[0].is_finite() && p[1].is_finite()).collect();
-        let sign = if samples.iter().map(|p| p[1]).fold(0.0, |most: f64, v| if v.abs() > most.abs() { v } else { most }) < 0.0 {
-            -1.0
-        } else {
-            1.0
-        };
-        let upright: Vec<[f64; 2]> = samples.iter().map(|p| [p[0], sign * p[1]]).collect();
-        let (ts, vs): (Vec<f64>, Vec<f64>) = upright.iter().map(|p| (p[0], p[1])).unzip();
-        let top = peak(&ts, &vs)?;
-        // Backwards from the peak: the last time below a share of it.
-        let before: Vec<[f64; 2]> = upright.iter().copied().filter(|p| p[0] <= top.time).collect();
-        let passes = |share: f64| {
-            let last = before.iter().rposition(|p| p[1] < share * top.value)?;
-            crossing(&before[last..], share * top.value)
-        };
-        let rise_time = passes(0.1).zip(passes(0.9)).map(|(start, end)| end - start);
-        let arrival = crossing(&upright, 0.1 * top.value).unwrap_or(top.time);
-        let between = |from: f64, to: f64| window_mean(&ts, &vs, from, to);
-        let mean_peak = unit.and_then(|unit| {
-            let half = 0.5 * MEAN_WINDOW * unit;
-            let means: Vec<f64> = ts.iter().map(|t| between(t - half, t + half).unwrap_or(f64::NAN)).collect();
-            peak(&ts, &means)
-        });
-        let quasi_static = unit.and_then(|unit| between(arrival + QUASI_STATIC[0] * unit, arrival + QUASI_STATIC[1] * unit));
-        let span = ts.last().zip(ts.first()).map_or(0.0, |(end, start)| end - start);
+    /// The numbers of a series; `unit` is `√(H/g)` of the case, s. `None` without a row that counts.
+    pub fn of(times: &[f64], values: &[f64], rows: Rows, unit: Option<f64>) -> Option<Self> {
+        let signal = Signal::of(times, values, rows);
+        let peak = greatest(signal.points.iter().copied())?;
+        let window = unit.map(|unit| MEAN_WINDOW * unit);
+        let mean_peak = window.and_then(|width| signal.greatest_mean(width));
+        let [start, end] = signal.span();
+        let scale = mean_peak.unwrap_or(peak).value;
+        let first = window.and_then(|width| signal.mean(start, start + width)).unwrap_or(signal.points[0][1]);
+        let upright: Vec<[f64; 2]> = signal.points.iter().map(|p| [p[0], scale.signum() * p[1]]).collect();
+        let stands = first.abs() >= 0.1 * scale.abs();
+        let rise = if stands { None } else { Rise::of(&upright, scale.abs()) };
+        let after = |time: f64| signal.mean(time + QUASI_STATIC[0] * unit?, time + QUASI_STATIC[1] * unit?);
         Some(Self {
-            peak: Peak { value: sign * top.value, time: top.time },
-            mean_peak: mean_peak.map(|mean| Peak { value: sign * mean.value, time: mean.time }),
-            rise_time,
-            arrival,
-            impulse: sign * time_mean(&ts, &vs).unwrap_or(0.0) * span,
-            quasi_static: quasi_static.map(|value| sign * value),
+            peak,
+            mean_peak,
+            arrival: rise.map(|rise| rise.arrival),
+            rise_time: rise.map(|rise| rise.time),
+            impulse: signal.integral(end),
+            quasi_static: rise.and_then(|rise| after(rise.arrival)),
+            from_start: after(start),
         })
+    }
+
+    /// Whether there is a load, and it has no arrival.
+    pub fn stands_from_the_start(&self) -> bool {
+        self.arrival.is_none() && self.peak.value != 0.0
+    }
+}
+
+/// How a series that begins low comes up.
+#[derive(Clone, Copy)]
+struct Rise {
+    /// First time at a tenth of the scale.
+    arrival: f64,
+    /// From there, or a later rise through it, to nine tenths, s.
+    time: f64,
+}
+
+impl Rise {
+    /// `None` where the points never are below a tenth of `scale`, or do not reach nine tenths of it after that.
+    fn of(points: &[[f64; 2]], scale: f64) -> Option<Self> {
+        let (low, high) = (0.1 * scale, 0.9 * scale);
+        let rest = &points[points.iter().position(|p| p[1] < low)?..];
+        let top = rest.iter().position(|p| p[1] >= high)?;
+        let foot = rest[..top].iter().rposition(|p| p[1] < low)?;
+        let time = crossing(&rest[top - 1..=top], high)? - crossing(&rest[foot..=top], low)?;
+        Some(Self { arrival: crossing(rest, low)?, time })
     }
 }
 
 /// Mean over time of a series between `from` and `to`, by the trapezoidal rule with interpolated ends. `None` where the series does
-/// not cover the window. Times rise; values are finite.
+/// not cover the window. Times rise.
 pub fn window_mean(times: &[f64], values: &[f64], from: f64, to: f64) -> Option<f64> {
-    let (first, last) = (*times.first()?, *times.last()?);
-    if !(first <= from && to <= last && from < to) {
-        return None;
-    }
-    let at = |t: f64| {
-        let k = times.partition_point(|&time| time < t).clamp(1, times.len() - 1);
-        let share = if times[k] > times[k - 1] { (t - times[k - 1]) / (times[k] - times[k - 1]) } else { 1.0 };
-        values[k - 1] + share * (values[k] - values[k - 1])
-    };
-    let inside = times.partition_point(|&t| t <= from)..times.partition_point(|&t| t < to);
-    let points = std::iter::once((from, at(from))).chain(inside.map(|k| (times[k], values[k]))).chain(std::iter::once((to, at(to))));
-    let points: Vec<(f64, f64)> = points.collect();
-    let area: f64 = points.windows(2).map(|pair| 0.5 * (pair[0].1 + pair[1].1) * (pair[1].0 - pair[0].0)).sum();
-    Some(area / (to - from))
+    Signal::of(times, values, Rows::Instants).mean(from, to)
 }
 
 /// Numbers of one pressure probe.
@@ -303,10 +390,10 @@ impl Measured {
         let probe = |name: &str| {
             let values = run.probes.numbers(name);
             let (peak, mean) = (peak(times, values)?, time_mean(times, values)?);
-            Some(ProbeNumbers { name: name.to_owned(), peak, mean, impact: Impact::of(times, values, unit)? })
+            Some(ProbeNumbers { name: name.to_owned(), peak, mean, impact: Impact::of(times, values, Rows::Instants, unit)? })
         };
         let load = |name: &str| {
-            let impact = Impact::of(run.loads.numbers("time"), run.loads.numbers(name), unit)?;
+            let impact = Impact::of(run.loads.numbers("time"), run.loads.numbers(name), Rows::Means, unit)?;
             Some(LoadNumbers { name: name.to_owned(), unit: run.loads.unit(name).to_owned(), impact })
         };
         Self {
@@ -392,6 +479,10 @@ mod tests {
         assert_eq!(crossing(&[], 1.0), None);
     }
 
+    fn close(value: f64, exact: f64, tolerance: f64, what: &str) {
+        assert!((value - exact).abs() <= tolerance, "{what}: {value}, but {exact} within {tolerance:e}");
+    }
+
     /// A triangle from 0 at t = 1 to 10 at t = 2, then 4 until t = 6: every number by hand. 1e-9: round-off.
     #[test]
     fn an_impact_is_reduced_to_its_numbers() {
@@ -407,18 +498,95 @@ mod tests {
         };
         for sign in [1.0, -1.0] {
             let values: Vec<f64> = times.iter().map(|&t| sign * shape(t)).collect();
-            let impact = Impact::of(&times, &values, Some(1.0)).expect("finite");
+            let impact = Impact::of(&times, &values, Rows::Instants, Some(1.0)).expect("finite");
             assert_eq!(impact.peak, Peak { value: sign * 10.0, time: 2.0 });
-            assert!((impact.arrival - 1.1).abs() < 1e-9, "{impact:?}");
-            assert!((impact.rise_time.unwrap() - 0.8).abs() < 1e-9, "{impact:?}");
+            // The best window of 0.05 s ends at the edge: 10 - 0.25. A tenth of it is reached at 1.0975, nine tenths at 1.8775.
+            let mean = impact.mean_peak.expect("the run is longer than the window");
+            close(mean.value, sign * 9.75, 1e-9, "peak of means");
+            close(mean.time, 1.975, 1e-9, "its time");
+            close(impact.arrival.expect("an impact"), 1.0975, 1e-9, "arrival");
+            close(impact.rise_time.expect("an impact"), 0.78, 1e-9, "rise time");
             // One interval between 10 and 4 at the edge: half of 6 times 1 ms.
-            assert!((impact.impulse - sign * (5.0 + 16.0 + 0.003)).abs() < 1e-9, "{impact:?}");
-            assert!((impact.quasi_static.unwrap() - sign * 4.0).abs() < 1e-9, "{impact:?}");
-            // The best window of 0.05 s lies just before the edge: 10 - 0.25.
-            assert!((impact.mean_peak.unwrap().value - sign * 9.75).abs() < 0.1, "{impact:?}");
+            close(impact.impulse, sign * (5.0 + 16.0 + 0.003), 1e-9, "impulse");
+            close(impact.quasi_static.expect("the run is long enough"), sign * 4.0, 1e-9, "quasi-static mean");
         }
         assert_eq!(window_mean(&[0.0, 1.0, 2.0], &[0.0, 1.0, 2.0], 0.25, 1.25), Some(0.75));
         assert_eq!(window_mean(&[0.0, 1.0], &[0.0, 1.0], 0.5, 1.5), None);
+    }
+
+    /// Rows that hold means since the row before of a force with the impulse `impulse(t)`; the first row as given.
+    fn mean_rows(times: &[f64], first: f64, impulse: impl Fn(f64) -> f64) -> Vec<f64> {
+        let means = times.windows(2).map(|pair| (impulse(pair[1]) - impulse(pair[0])) / (pair[1] - pair[0]));
+        std::iter::once(first).chain(means).collect()
+    }
+
+    /// `-1000 (1 - exp(-t))` and a bump of 50 between 0.31 and 0.33: rows every 50 ms and every 0.3 ms, a first row of zero and one with
+    /// a load. 1e-9: round-off of sums of up to 7000 rows.
+    #[test]
+    fn the_impulse_of_means_does_not_depend_on_how_often_they_are_written() {
+        let impulse = |t: f64| -1000.0 * (t + (-t).exp() - 1.0) + 50.0 * (t.clamp(0.31, 0.33) - 0.31);
+        for interval in [0.05, 3e-4] {
+            let times: Vec<f64> = (0..).map(|i| interval * f64::from(i)).take_while(|t| *t < 2.0).chain([2.0]).collect();
+            for first in [0.0, -700.0] {
+                let impact = Impact::of(&times, &mean_rows(&times, first, impulse), Rows::Means, Some(0.3)).expect("finite");
+                close(impact.impulse, impulse(2.0), 1e-9 * 1000.0, "impulse");
+            }
+        }
+    }
+
+    /// A step from 0 to 5 at t = 1, which is a row of both tables: it arrives there within one row, whatever the first row says.
+    #[test]
+    fn a_step_arrives_when_it_comes_for_means_and_instants() {
+        let times: Vec<f64> = (0..=500).map(|i| 0.01 * f64::from(i)).collect();
+        let instants: Vec<f64> = times.iter().map(|&t| if t < 0.999 { 0.0 } else { 5.0 }).collect();
+        let means = mean_rows(&times, -3.0, |t| 5.0 * (t - 1.0).max(0.0));
+        for (values, rows) in [(instants, Rows::Instants), (means, Rows::Means)] {
+            let impact = Impact::of(&times, &values, rows, Some(1.0)).expect("finite");
+            close(impact.arrival.expect("an impact"), 1.0, 0.01, "arrival");
+            close(impact.rise_time.expect("an impact"), 0.0, 0.01, "rise time");
+            close(impact.quasi_static.expect("the run is long enough"), 5.0, 1e-9, "quasi-static mean");
+            close(impact.peak.value, 5.0, 1e-9, "peak");
+        }
+    }
+
+    /// The weight of the tank, with a first row of zero as `isph` writes it and one with the load as `delta-sph` does: the same numbers,
+    /// no arrival, and a mean over the window after the start. The weight falls by 2 each s: -100 + 2 · 1.5 in the middle of the window.
+    #[test]
+    fn a_load_that_stands_from_the_start_has_no_arrival() {
+        let times: Vec<f64> = (0..=400).map(|i| 0.01 * f64::from(i)).collect();
+        let [released, still] = [0.0, -100.0]
+            .map(|first| Impact::of(&times, &mean_rows(&times, first, |t| -100.0 * t + t * t), Rows::Means, Some(1.0)).expect("finite"));
+        assert_eq!(released, still);
+        assert!(still.stands_from_the_start());
+        assert_eq!((still.arrival, still.rise_time, still.quasi_static), (None, None, None));
+        close(still.from_start.expect("the run is long enough"), -97.0, 1e-9, "mean from the start");
+    }
+
+    /// A spike of one row, twenty times the load that follows: the peak tells it, arrival and quasi-static mean do not.
+    #[test]
+    fn a_single_spike_moves_the_peak_alone() {
+        let times: Vec<f64> = (0..=4000).map(|i| 1e-3 * f64::from(i)).collect();
+        let impulse = |t: f64| (t - 1.0).max(0.0);
+        let plain = mean_rows(&times, 0.0, impulse);
+        let mut spiky = plain.clone();
+        spiky[1200] = 20.0;
+        let [plain, spiky] = [plain, spiky].map(|values| Impact::of(&times, &values, Rows::Means, Some(1.0)).expect("finite"));
+        assert_eq!(spiky.peak.value, 20.0);
+        close(spiky.arrival.expect("an impact"), plain.arrival.expect("an impact"), 1e-3, "arrival");
+        close(spiky.quasi_static.expect("long enough"), plain.quasi_static.expect("long enough"), 1e-9, "quasi-static mean");
+    }
+
+    #[test]
+    fn no_load_and_no_row_have_no_impact() {
+        let dry = Impact::of(&[0.0, 1.0, 2.0], &[0.0; 3], Rows::Instants, Some(1.0)).expect("finite");
+        assert!(dry.arrival.is_none() && !dry.stands_from_the_start() && dry.impulse == 0.0);
+        assert_eq!(Impact::of(&[0.0], &[7.0], Rows::Means, Some(1.0)), None);
+        // A cell that is not finite: the next mean counts since the row before.
+        let gap = Impact::of(&[0.0, 1.0, 2.0, 3.0], &[0.0, 1.0, f64::NAN, 2.0], Rows::Means, None).expect("finite");
+        assert_eq!(gap.impulse, 5.0);
+        // Without scales the peak is the scale: a tenth of it is reached between the middles of the first two rows.
+        let bare = Impact::of(&[0.0, 1.0, 2.0], &[9.0, 0.0, 10.0], Rows::Means, None).expect("finite");
+        assert_eq!((bare.arrival, bare.mean_peak), (Some(0.6), None));
     }
 
     #[test]
