@@ -341,6 +341,8 @@ pub struct Measured {
     pub density: Percentiles,
     /// Relative volume error at the end, dimensionless.
     pub volume_error: Option<f64>,
+    /// The greatest in size of all frames, with its sign, dimensionless.
+    pub worst_volume_error: Option<f64>,
     /// Particles that left the tank.
     pub lost_particles: Option<u64>,
     /// Energy at start and end, and its highest rise.
@@ -415,6 +417,7 @@ impl Measured {
                 p99: percentiles.p99.or_else(|| column("density_p99").reduce(f64::max)),
             },
             volume_error: summary.volume_error.or_else(|| column("volume_error").next_back()),
+            worst_volume_error: column("volume_error").max_by(|a, b| a.abs().total_cmp(&b.abs())).or(summary.volume_error),
             lost_particles: summary.lost_particles.or_else(|| column("lost_particles").next_back().map(|n| n as u64)),
             energy: EnergyBudget::of(run.energy.numbers("total")),
             energy_unit: run.energy.unit("total").to_owned(),

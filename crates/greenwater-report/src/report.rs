@@ -194,7 +194,7 @@ impl<'a> Report<'a> {
                     "iterations": m.iterations.map(spread), "particles": m.particles,
                     "pressure_noise": m.pressure_noise,
                     "density_percentiles": {"p01": m.density.p01, "p99": m.density.p99},
-                    "volume_error": m.volume_error, "energy": energy, "front": m.front,
+                    "volume_error": m.volume_error, "worst_volume_error": m.worst_volume_error, "energy": energy, "front": m.front,
                     "residual_height": m.residual_height, "probes": probes, "loads": loads, "lost_particles": m.lost_particles,
                     "leads": leads, "phases": phases, "missing": run.notes,
                 })
@@ -603,12 +603,13 @@ impl<'a> Report<'a> {
         }
         let relative = |v: Option<f64>| v.map_or("not known".to_owned(), |v| signed_percent(v - 1.0));
         blocks.push(Block::Table(Table {
-            caption: "Density relative to rest over all frames, volume error at the end, particles that left the tank, and pressure noise (median of the frames from a quarter to half of the end time).".into(),
+            caption: "Density relative to rest over all frames, volume error at the end and at its worst, particles that left the tank, and pressure noise (median of the frames from a quarter to half of the end time).".into(),
             head: self.head("quality"),
             rows: vec![
                 self.row("density, 1st percentile", |m| relative(m.density.p01)),
                 self.row("density, 99th percentile", |m| relative(m.density.p99)),
                 self.row("volume error", |m| m.volume_error.map_or("not known".into(), signed_percent)),
+                self.row("volume error, worst of all frames", |m| m.worst_volume_error.map_or("not known".into(), signed_percent)),
                 self.row("lost particles", |m| m.lost_particles.map_or("not known".into(), |n| n.to_string())),
                 self.row("pressure noise over \u{3c1}gH", |m| quantity(m.pressure_noise, "")),
             ],
