@@ -162,7 +162,7 @@ pub struct Compare {
 pub struct Reference {
     /// Name for legends.
     pub name: String,
-    /// `front`, `residual_height`, `pressure_noise`, or `probe:NAME`.
+    /// `front`, `residual_height`, `pressure_noise`, `probe:NAME`, `gauge:NAME` or `load:NAME.fx`.
     pub quantity: String,
     /// Where it was published.
     pub source: String,
@@ -320,20 +320,21 @@ pub struct Table {
 }
 
 impl Table {
-    /// Reads the text of a CSV file. Short rows are filled up with NaN.
+    /// Reads the text of a CSV file. Short rows are filled up with NaN. A name that an earlier column has gets the number of its
+    /// column: the second `time` is `time (column 2)`.
     pub fn parse(text: &str) -> Self {
         let mut lines = text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
         let Some(header) = lines.next() else { return Self::default() };
-        let mut columns: Vec<Column> = header
-            .split(',')
-            .map(|cell| {
-                let (name, unit) = match cell.trim().split_once('[') {
-                    Some((name, unit)) => (name.trim(), unit.trim_end_matches(']').trim()),
-                    None => (cell.trim(), ""),
-                };
-                Column { name: name.into(), unit: unit.into(), text: Vec::new(), numbers: Vec::new() }
-            })
-            .collect();
+        let mut columns: Vec<Column> = Vec::new();
+        for cell in header.split(',') {
+            let (name, unit) = match cell.trim().split_once('[') {
+                Some((name, unit)) => (name.trim(), unit.trim_end_matches(']').trim()),
+                None => (cell.trim(), ""),
+            };
+            let taken = columns.iter().any(|column| column.name == name);
+            let name = if taken { format!("{name} (column {})", columns.len() + 1) } else { name.to_owned() };
+            columns.push(Column { name, unit: unit.into(), text: Vec::new(), numbers: Vec::new() });
+        }
         for line in lines {
             let mut cells = line.split(',');
             for column in &mut columns {

@@ -231,3 +231,56 @@ fn two_runs_of_one_method_are_told_apart() {
     let copies = Run::read_all(&[water, Synthetic::new("wcsph").write(&dir.join("c"))]).unwrap();
     assert_eq!([copies[0].label.as_str(), copies[1].label.as_str()], ["a", "c"]);
 }
+
+#[test]
+fn a_reference_without_a_column_is_said_to_be_missing() {
+    let dir = scratch("no-column");
+    let run = Synthetic::new("isph").write(&dir.join("isph"));
+    let mut provenance = json(&run.join("provenance.json"));
+    let references = provenance["compare"]["references"].as_array_mut().unwrap();
+    for quantity in ["load:tank.fq", "load:tank.fy", "probe:P9", "gauge:h1"] {
+        references.push(serde_json::json!({"name": format!("Curve of {quantity}"), "quantity": quantity, "time_scale": 1.0,
+            "value_scale": 1.0, "points": [[0.0, 0.0], [1.0, 1.0]]}));
+    }
+    fs::write(run.join("provenance.json"), provenance.to_string()).unwrap();
+    fs::write(run.join("loads.csv"), "time [s],tank.fx [N/m],tank.fy [N/m]\n0,0,0\n0.8,0,-100\n1.6,2,-100\n").unwrap();
+    let html = fs::read_to_string(write_report(&[run], &dir.join("report")).unwrap().html).unwrap();
+    for said in [
+        "Curve of load:tank.fq is not drawn: its quantity is `load:tank.fq`, and there is no column `tank.fq` in loads.csv, which has \
+         `tank.fx` and `tank.fy`.",
+        "Curve of probe:P9 is not drawn",
+        "no column `h1` in gauges.csv, which no run has.",
+    ] {
+        assert!(html.contains(said), "no `{said}`");
+    }
+    assert!(!html.contains("Curve of load:tank.fy is not drawn") && html.contains("Curve of load:tank.fy"));
+}
+
+/// Rows of one load as two methods write them: they differ in the first, which has no time behind it.
+#[test]
+fn a_load_that_stands_has_the_same_numbers_with_and_without_a_first_row() {
+    let (dir, runs) = pair("standing-load");
+    for (run, first) in runs.iter().zip(["0", "-100"]) {
+        let rows: Vec<String> = (1..=100).map(|i| format!("{},-100", 0.02 * f64::from(i))).collect();
+        fs::write(run.join("loads.csv"), format!("time [s],tank.fy [N/m]\n0,{first}\n{}\n", rows.join("\n"))).unwrap();
+    }
+    let paths = write_report(&runs, &dir.join("report")).unwrap();
+    let html = fs::read_to_string(paths.html).unwrap();
+    assert_eq!(html.matches("stands from the start</td>").count(), 2);
+    assert!(html.contains("tank.fy: mean from the start") && !html.contains("tank.fy: quasi-static mean"));
+    let report = json(&paths.json);
+    let [a, b] = [0, 1].map(|i| report["methods"][i]["loads"]["tank.fy"].clone());
+    assert_eq!(a, b);
+    // 100 N/m over 2 s. 1e-9: round-off.
+    assert!((a["impulse"].as_f64().unwrap() + 200.0).abs() < 1e-9 * 200.0, "{a}");
+    assert!(a["arrival"].is_null());
+}
+
+#[test]
+fn a_probe_with_the_name_of_the_first_column_is_kept_apart() {
+    let dir = scratch("probe-time");
+    let run = Synthetic::new("isph").write(&dir.join("isph"));
+    fs::write(run.join("probes.csv"), "time [s],time [Pa]\n0,5\n1,7\n").unwrap();
+    let report = json(&write_report(&[run], &dir.join("report")).unwrap().json);
+    assert_eq!(report["methods"][0]["probes"]["time (column 2)"]["peak"], 7.0);
+}

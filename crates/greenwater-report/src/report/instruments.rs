@@ -6,6 +6,7 @@ use super::{Report, file_name, reference_series};
 use crate::measure::{Impact, Measured};
 use crate::page::{Block, Cells, Figure, Table};
 use crate::plot::{LinePlot, RightAxis, Series};
+use crate::run::Reference;
 use crate::words::{join, number, quantity};
 
 /// How the numbers of an impact are made.
@@ -58,6 +59,7 @@ impl Report<'_> {
             );
             figures.push(Figure { name: format!("probe-{}-{}", i + 1, file_name(name)), svg: plot.svg(), caption });
         }
+        blocks.extend(self.not_drawn("probe", "probes.csv", &names));
         if !silent.is_empty() {
             blocks.push(Block::Notice(format!("No finite pressure was stored for {}.", join(&silent))));
         }
@@ -85,11 +87,11 @@ impl Report<'_> {
     }
 
     pub(super) fn loads_and_gauges(&self) -> Vec<Block> {
-        let mut blocks = Vec::new();
         let mut figures = Vec::new();
-        for (kind, tables) in [
-            ("load", self.runs.iter().map(|run| &run.loads).collect::<Vec<_>>()),
-            ("gauge", self.runs.iter().map(|run| &run.gauges).collect()),
+        let mut blocks = Vec::new();
+        for (kind, file, tables) in [
+            ("load", "loads.csv", self.runs.iter().map(|run| &run.loads).collect::<Vec<_>>()),
+            ("gauge", "gauges.csv", self.runs.iter().map(|run| &run.gauges).collect()),
         ] {
             let mut names: Vec<&str> = Vec::new();
             for name in tables.iter().flat_map(|table| table.names()).filter(|name| *name != "time") {
@@ -97,6 +99,7 @@ impl Report<'_> {
                     names.push(name);
                 }
             }
+            blocks.extend(self.not_drawn(kind, file, &names));
             for name in names {
                 let unit = tables.iter().map(|table| table.unit(name)).find(|unit| !unit.is_empty()).unwrap_or_default();
                 let mut plot = LinePlot::new(format!("{kind} {name}"), "time [s]", format!("{name} [{unit}]"));
@@ -113,7 +116,8 @@ impl Report<'_> {
             }
         }
         if figures.is_empty() {
-            return vec![Block::Notice("The case asks for no loads and no gauges.".into())];
+            blocks.push(Block::Notice("The case asks for no loads and no gauges.".into()));
+            return blocks;
         }
         blocks.push(Block::Figures(figures));
         let mut names: Vec<(&str, &str)> = Vec::new();
@@ -131,6 +135,21 @@ impl Report<'_> {
             blocks.push(Block::Table(Table { caption: IMPACT_WORDS.into(), head: self.head("load"), rows, cells: Cells::Numbers }));
         }
         blocks
+    }
+
+    /// The references of a kind for which no run has a column, `there` being the columns of `file`.
+    fn not_drawn(&self, kind: &str, file: &str, there: &[&str]) -> Vec<Block> {
+        let of_kind = self.references.iter().filter_map(|r| Some((r, r.quantity.strip_prefix(kind)?.strip_prefix(':')?)));
+        let lacking = of_kind.filter(|(_, name)| !there.contains(name));
+        let say = |(reference, name): (&Reference, &str)| {
+            let columns: Vec<String> = there.iter().map(|name| format!("`{name}`")).collect();
+            let has = if columns.is_empty() { "which no run has".to_owned() } else { format!("which has {}", join(&columns)) };
+            Block::Notice(format!(
+                "The reference {} is not drawn: its quantity is `{}`, and there is no column `{name}` in {file}, {has}.",
+                reference.name, reference.quantity
+            ))
+        };
+        lacking.map(say).collect()
     }
 
     /// The rows of one instrument: its impact with each method, values said by `say`, impulses in `unit`.
