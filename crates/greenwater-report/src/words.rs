@@ -429,8 +429,9 @@ fn fluid_complaint(methods: [&Measured; 2]) -> Option<Finding> {
     });
     let density = |m: &Measured| m.density_error().map_or("not known".into(), percent);
     let detail = format!(
-        "Volume error: mean volume of the fluid away from its surface, in the worst frame, measured alike for every method. Where particles lie \
-         least evenly the density departs further from rest (1st and 99th percentile, worst frame): {} with {}, {} with {}.",
+        "Volume error: mean volume of the fluid away from its surface, in the worst frame, measured alike for every method. It is not the \
+         density of single places, which departs from rest where particles lie least evenly (1st and 99th percentile, worst frame): by {} with \
+         {}, {} with {}.",
         density(methods[0]),
         methods[0].name,
         density(methods[1]),
