@@ -368,15 +368,16 @@ fn bad_values_are_named_with_line_value_and_rule() {
         (
             "position = [2.0, 0.1]",
             "position = [2.5, 0.1]",
-            "its middle at [2.5, 0.1], 0.3536 m from the nearest wall particle, but must be within 0.2600 m of the face of a wall or of the \
-             fluid, or the probe will never feel anything; move it to the face of the wall, half a spacing before the particle at [2.05, 0.05] m",
+            "`probe[0].position` is [2.5000, 0.1000], 0.3536 m from the nearest wall particle, but must be within 0.2600 m of the face of a \
+             wall or of the fluid, or the probe will never feel anything; move it to the face of the wall, half a spacing before the particle \
+             at [2.0500, 0.0500] m",
         ),
+        ("position = [2.0, 0.1]", "position = [2.15, 0.15]", "`probe[0].position` is [2.1500, 0.1500], inside a wall, but must be within"),
         (
             "position = [2.0, 0.1]",
-            "position = [2.15, 0.15]",
-            "its middle at [2.15, 0.15], inside a wall, but must be before the face of a wall",
+            "position = [2.0, 0.1]\nsize = 3.0\nnormal = [-1, 0]",
+            "`probe[0].size` is 3 m, with its rim at [2.0000, -1.4000], 1.",
         ),
-        ("position = [2.0, 0.1]", "position = [2.0, 0.1]\nsize = 3.0\nnormal = [-1, 0]", "`probe[0].size` is its rim at [2.0, -1.4]"),
         ("position = [2.0, 0.1]", "position = [2.0, 0.1]\nsize = 1e9\nnormal = [-1, 0]", "covered by at most 1000000 places"),
         (
             "[time]",
@@ -676,7 +677,7 @@ fn instruments_are_checked() {
         (
             "position = [2.0, 0.1]",
             "position = [1.6, 1.0]",
-            "m from the nearest wall particle, but must be within 0.2600 m of a wall or of the fluid",
+            "m from the nearest wall particle, but must be within 0.2600 m of the face of a wall or of the fluid",
         ),
         ("[\"paddle\"]", "[\"padle\"]", "`load[0].walls[0]` is \"padle\", which is unknown, did you mean `paddle`?"),
         ("to = [0.4, 1.0]", "to = [0.4, 0.0]", "`gauge[1].to` is [0.4, 0.0], but must be another point than `from`"),

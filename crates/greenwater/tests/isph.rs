@@ -390,7 +390,7 @@ fn a_brimful_box_has_no_surface() {
         }
         let medium = Medium { spacing, speed: 1.0, ..medium(0.0, 10.0) };
         let domain = Domain::new(Vector::ZERO, Vector([1.0, 1.0]), [true; 2]);
-        let settings = IsphSettings { free_surface: surface, ..IsphSettings::default() };
+        let settings = IsphSettings { free_surface: surface, ..settings(1e-4) };
         let scheme = Isph::new(WendlandC2, medium, settings).unwrap();
         let mut run = Simulation::new(p, domain, Box::new(scheme), &medium, None);
         run.start().unwrap();

@@ -149,13 +149,13 @@ pub(super) fn sensors<const D: usize>(
             }
         };
         let near = Near { bounds, particles, medium, source };
-        near.check(place, "its middle", &key("position"))?;
+        near.check(place, "", &key("position"))?;
         if probe.size > 0.0 {
             let places = Sensor::<D>::places(probe.size, medium.spacing);
             let rule = format!("covered by at most {MOST_PLACES} places at half a spacing; here it takes {places:e}");
             source.rule(places <= MOST_PLACES, &key("size"), format!("{} m", probe.size), rule)?;
             for end in Sensor::rim(place, probe.size, normal) {
-                near.check(end, "its rim", &key("size"))?;
+                near.check(end, &format!("{} m, with its rim at ", probe.size), &key("size"))?;
             }
         }
         sensors.push(Sensor::new(probe.name.clone(), place, probe.size, normal, medium.spacing).in_box(bounds.periods()));
@@ -181,28 +181,34 @@ impl<const D: usize> Near<'_, D> {
         (0..self.particles.owned()).filter(|&a| count(a)).map(|a| (distance(a), a)).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// The place `x` of a probe, `what` of it, sees something: the face of a wall, or fluid.
-    fn check(&self, x: Vector<D>, what: &str, key: &str) -> Result<(), CaseError> {
+    /// A probe at `x` sees something: the face of a wall, or fluid. What is said of it begins with `lead`.
+    fn check(&self, x: Vector<D>, lead: &str, key: &str) -> Result<(), CaseError> {
         let (p, reach) = (self.particles, reach(self.medium));
         let is_face = |a: usize| p.kind[a] == Kind::Wall && p.layer[a] <= 1;
         let Some((away, a)) = self.nearest(x, |_| true) else { return Ok(()) };
-        let behind = p.kind[a] == Kind::Wall && !is_face(a);
-        if away <= reach && !behind {
+        let inside = p.kind[a] == Kind::Wall && !is_face(a);
+        if away <= reach && !inside {
             return Ok(());
         }
+        let (place, kind) = (self.written(x), if p.kind[a] == Kind::Wall { "wall" } else { "fluid" });
+        let value = if inside && away <= reach {
+            format!("{place}, inside a wall")
+        } else {
+            format!("{place}, {away:.4} m from the nearest {kind} particle")
+        };
         let cure = match self.nearest(x, is_face).or_else(|| self.nearest(x, |a| p.is_fluid(a))) {
-            Some((_, a)) if p.is_fluid(a) => format!("; move it to the fluid, which is nearest at {:?} m", p.x[a].0),
-            Some((_, a)) => format!("; move it to the face of the wall, half a spacing before the particle at {:?} m", p.x[a].0),
+            Some((_, a)) if p.is_fluid(a) => format!("; move it to the fluid, which is nearest at {} m", self.written(p.x[a])),
+            Some((_, a)) => format!("; move it to the face of the wall, half a spacing before the particle at {} m", self.written(p.x[a])),
             None => String::new(),
         };
-        let kind = if p.kind[a] == Kind::Wall { "wall" } else { "fluid" };
-        let (value, rule) = if behind && away <= reach {
-            (format!("{:?}, inside a wall", x.0), "before the face of a wall, or the probe will never feel anything".to_owned())
-        } else {
-            let rule = format!("within {reach:.4} m of the face of a wall or of the fluid, or the probe will never feel anything");
-            (format!("{:?}, {away:.4} m from the nearest {kind} particle", x.0), rule)
-        };
-        Err(self.source.broken(key, format!("{what} at {value}"), rule + &cure))
+        let rule = format!("within {reach:.4} m of the face of a wall or of the fluid, or the probe will never feel anything{cure}");
+        Err(self.source.broken(key, format!("{lead}{value}"), rule))
+    }
+
+    /// A position in metres, to a thousandth of a spacing.
+    fn written(&self, x: Vector<D>) -> String {
+        let digits = (3.0 - self.medium.spacing.log10().floor()).clamp(0.0, 17.0) as usize;
+        format!("[{}]", x.0.map(|x| format!("{x:.digits$}")).join(", "))
     }
 }
 
