@@ -51,7 +51,7 @@ pub static CASES: &[Shipped] = shipped! {
     "hydraulic-jump": [],
     "colliding-patches": [],
     "jet": [],
-    "dam-break-front": ["martin-moyce-n1.csv", "martin-moyce-n2.csv"],
+    "dam-break-front": ["martin-moyce-n1.csv", "martin-moyce-n2.csv", "koshizuka.csv"],
     "dam-break-noise": [],
     "dam-break-long": [],
     "dam-break-3d": [],
@@ -89,6 +89,13 @@ pub struct RunPlan {
     /// Keys of the case that it sets; those of `method` count for the method that `method.name` says.
     #[serde(default)]
     pub set: BTreeMap<String, toml::Value>,
+}
+
+impl RunPlan {
+    /// Whether `method` makes it.
+    pub fn makes(&self, method: MethodName) -> bool {
+        self.methods.is_empty() || self.methods.contains(&method)
+    }
 }
 
 /// A number, or a formula of the constants of the case.
