@@ -18,6 +18,11 @@ pub struct NewArgs {
     case: String,
 }
 
+/// What the shipped cases say of the method: they repeat the paper. One that names its preset or keys stays as it is.
+const OF_THE_PAPER: &str = "[method]\nname = \"wcsph\"\n\n";
+/// What a case of one's own begins with: the default of the key, whose pressure can be used.
+const TO_BEGIN_WITH: &str = "[method]\nname = \"delta-sph\"            # `greenwater methods` lists all\n\n";
+
 /// `greenwater new`.
 pub fn new(args: &NewArgs) -> Result<(), CliError> {
     let shipped = shipped_cases().iter().find(|case| case.name == args.case).ok_or_else(|| CliError::NoShippedCase {
@@ -35,7 +40,8 @@ pub fn new(args: &NewArgs) -> Result<(), CliError> {
         std::io::ErrorKind::AlreadyExists => OutputError::InTheWay { path: args.name.clone() }.into(),
         _ => io("create", &args.name)(source),
     })?;
-    for (file, text) in [("case.toml", shipped.case), ("README.md", shipped.readme)] {
+    let case = shipped.case.replacen(OF_THE_PAPER, TO_BEGIN_WITH, 1);
+    for (file, text) in [("case.toml", case.as_str()), ("README.md", shipped.readme)] {
         let path = args.name.join(file);
         std::fs::write(&path, text).map_err(io("write", &path))?;
     }
