@@ -81,6 +81,28 @@ pub enum CliError {
         /// The run.
         run: PathBuf,
     },
+    /// A file is there already.
+    #[error("`{}` exists already; name another file, or replace it with --force", path.display())]
+    FileExists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A folder is there already, and no report in it.
+    #[error("`{}` is there and holds no report of greenwater, which is all that --force replaces; choose another folder with --out", path.display())]
+    NotAReport {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A comparison that ran to its end, with numbers outside their bands.
+    #[error("{missed} of {all} checks of the comparison are outside their bands: {first}; the section Checks of the report has all")]
+    OutsideBands {
+        /// Outside.
+        missed: usize,
+        /// All checks.
+        all: usize,
+        /// The first of those outside, with value and band.
+        first: String,
+    },
     /// A file or folder could not be read or written.
     #[error("cannot {action} `{}`: {source}", path.display())]
     Io {
@@ -112,13 +134,16 @@ impl CliError {
             Self::Validate(error) => error.exit_code(),
             Self::Run { source, .. } => source.exit_code(),
             Self::Report(ReportError::Io { .. } | ReportError::NotFound { .. }) | Self::Io { .. } | Self::Print(_) => 5,
+            Self::OutsideBands { .. } => 3,
             Self::Report(ReportError::Raster { .. }) | Self::ThreadPool { .. } => 1,
             Self::Report(_)
             | Self::Threads { .. }
             | Self::TwiceTheSame { .. }
             | Self::NoShippedCase { .. }
             | Self::NoFrame { .. }
-            | Self::NoFrames { .. } => 2,
+            | Self::NoFrames { .. }
+            | Self::FileExists { .. }
+            | Self::NotAReport { .. } => 2,
         }
     }
 }

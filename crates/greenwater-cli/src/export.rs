@@ -4,7 +4,6 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use greenwater::output::OutputError;
 use greenwater_report::export::particle_table;
 use greenwater_report::run::Run;
 use serde_json::json;
@@ -74,7 +73,7 @@ pub fn export(args: &ExportArgs) -> Result<(), CliError> {
 /// Writes a file that is not there yet, or may be replaced: under a temporary name first.
 pub fn write_new(path: &Path, bytes: &[u8], force: bool) -> Result<(), CliError> {
     if path.exists() && !force {
-        return Err(OutputError::Exists { path: path.to_owned() }.into());
+        return Err(CliError::FileExists { path: path.to_owned() });
     }
     let temporary = path.with_added_extension("part");
     let write = || {

@@ -61,12 +61,21 @@ fn runs_in(path: &Path) -> Vec<PathBuf> {
 
 /// Whether a report may be written to `path`: it is free, or holds a report that may be replaced.
 pub fn check_free(path: &Path, existing: Existing) -> Result<(), CliError> {
-    let empty = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    // What is left of a report that was interrupted as it began: the first of its files under its temporary name.
+    let just_begun = |name: &str| name.starts_with(".report.json.") && name.ends_with(".tmp");
+    let empty =
+        std::fs::read_dir(path).is_ok_and(|entries| entries.flatten().all(|entry| just_begun(&entry.file_name().to_string_lossy())));
     let path = path.to_owned();
     match existing {
         _ if !path.exists() || empty => Ok(()),
+        _ if !is_report(&path) => Err(CliError::NotAReport { path }),
         Existing::Keep => Err(OutputError::Exists { path }.into()),
-        Existing::Replace if path.join("report.json").is_file() => Ok(()),
-        Existing::Replace => Err(OutputError::NotARun { path }.into()),
+        Existing::Replace => Ok(()),
     }
+}
+
+/// Whether `path` holds a report of this program, or the beginning of one: `report.json` is its first file.
+fn is_report(path: &Path) -> bool {
+    let text = std::fs::read(path.join("report.json")).unwrap_or_default();
+    serde_json::from_slice::<Value>(&text).is_ok_and(|value| value["format"] == 1 && value["methods"].is_array())
 }

@@ -21,8 +21,9 @@ use greenwater::with_setup;
 
 pub use error::ValidateError;
 use measure::{Band, Reading};
+pub use record::number;
 use record::{Outcome, Results};
-use suite::{Bands, CASES, Measure, Quantity, Shipped};
+use suite::{Bands, CASES, Measure, Quantity, RunPlan, Shipped};
 
 use crate::console;
 use crate::error::CliError;
@@ -76,7 +77,7 @@ pub fn validate(args: &ValidateArgs) -> Result<(), CliError> {
     }
     for file in args.json.iter().chain(&args.docs) {
         if file.exists() && !args.force {
-            return Err(greenwater::output::OutputError::Exists { path: file.clone() }.into());
+            return Err(CliError::FileExists { path: file.clone() });
         }
     }
     crate::run::start_threads(args.threads)?;
@@ -90,7 +91,7 @@ pub fn validate(args: &ValidateArgs) -> Result<(), CliError> {
             [] => DEFAULT_METHODS.map(|method| (method, None)).to_vec(),
             named => named.to_vec(),
         };
-        for shipped in cases {
+        for shipped in left_to_run(&cases, &methods, args)? {
             results.take_in(run_case(shipped, &methods, args)?);
         }
     }
@@ -107,6 +108,35 @@ pub fn validate(args: &ValidateArgs) -> Result<(), CliError> {
 
 fn write(path: &Path, text: &str) -> Result<(), CliError> {
     crate::export::write_new(path, text.as_bytes(), true)
+}
+
+/// The cases of which a run is left for these methods, with a word about each named one that is passed over.
+fn left_to_run(
+    cases: &[&'static Shipped],
+    methods: &[(MethodName, Option<Preset>)],
+    args: &ValidateArgs,
+) -> Result<Vec<&'static Shipped>, CliError> {
+    let (mut left, mut passed_over) = (Vec::new(), Vec::new());
+    for &shipped in cases {
+        let bands = shipped.read()?;
+        if planned(&bands, args.quick).any(|run| methods.iter().any(|&(method, _)| run.makes(method))) {
+            left.push(shipped);
+        } else {
+            passed_over.push(shipped.name);
+        }
+    }
+    if left.is_empty() {
+        return Err(ValidateError::NothingToRun { cases: passed_over }.into());
+    }
+    for name in passed_over.iter().filter(|_| !args.names.is_empty()) {
+        console::note(&format!("{name}: passed over, no run of it is short enough for --quick; leave --quick out to run it"));
+    }
+    Ok(left)
+}
+
+/// The runs of a case; with `quick` the short ones.
+fn planned(bands: &Bands, quick: bool) -> impl Iterator<Item = &RunPlan> {
+    bands.run.iter().filter(move |run| run.quick || !quick)
 }
 
 /// The cases with these names, in the order of the list; all without names.
@@ -143,11 +173,11 @@ fn run_case(shipped: &'static Shipped, methods: &[(MethodName, Option<Preset>)],
     let kept = args.out.clone();
     let base = kept.clone().unwrap_or_else(|| std::env::temp_dir().join(format!("greenwater-validate-{}", std::process::id())));
     let mut made = Vec::new();
-    for run in bands.run.iter().filter(|run| run.quick || !args.quick) {
+    for run in planned(&bands, args.quick) {
         let set: Vec<(String, String)> = run.set.iter().map(|(key, value)| (key.clone(), value.to_string())).collect();
         let mut case = Case::parse(&format!("validation/{}/case.toml", shipped.name), shipped.case.to_owned(), None, &set)?;
         shipped.name.clone_into(&mut case.name);
-        for &(method, preset) in methods.iter().filter(|(method, _)| run.methods.is_empty() || run.methods.contains(method)) {
+        for &(method, preset) in methods.iter().filter(|(method, _)| run.makes(*method)) {
             let label = match preset {
                 Some(preset) => format!("{}-{}", method.name(), preset.name()),
                 None => method.name().to_owned(),

@@ -223,8 +223,11 @@ fn a_new_case_runs_unedited_and_nothing_is_written_over() {
     let place = Place::new();
     place.ok("new mine --case dam-break-20");
     assert!(place.read("mine/case.toml").contains('#'), "a case to learn from has comments");
+    assert!(place.read("mine/case.toml").contains("name = \"delta-sph\""), "a case of one's own begins with a usable pressure");
     place.ok("run mine --steps 1");
-    assert!(place.path("runs/mine-wcsph/DONE").exists());
+    assert!(place.path("runs/mine-delta-sph/DONE").exists());
+    place.ok("new printed --case dam-break-printed");
+    assert!(place.read("printed/case.toml").contains("name = \"wcsph\"\npreset = \"paper\""), "what is as printed stays so");
     let before = place.contents("mine");
     assert!(place.fails("new mine").1.contains("exists already"));
     assert!(place.fails("new other --case dam").1.contains("must be a shipped case"));
@@ -359,6 +362,54 @@ fn compare_writes_a_folder_a_method_and_the_report() {
     assert!(place.path("presets/wcsph-water/DONE").exists() && place.path("presets/wcsph-paper/DONE").exists());
 }
 
+/// A comparison killed while it wrote its report leaves `report.json`, its first file, or that under its temporary name.
+#[test]
+fn force_replaces_an_interrupted_report_and_nothing_else() {
+    let place = Place::new();
+    place.ok("compare pool --methods wcsph --out one --steps 1");
+    let left = place.read("one/report/report.json");
+    fs::remove_dir_all(place.path("one/report")).unwrap();
+    for begun in ["one/report/report.json", "one/report/.report.json.123.tmp"] {
+        place.put(begun, &left);
+        place.ok("report one --out one/report --force");
+        assert!(place.path("one/report/index.html").is_file());
+        place.ok("compare pool --methods wcsph --out one --steps 1 --force");
+        fs::remove_dir_all(place.path("one/report")).unwrap();
+    }
+    place.put("precious/figures/thesis.svg", "years of work");
+    place.put("other/report.json", "{}");
+    for folder in ["precious", "other", "one/wcsph"] {
+        let before = place.contents(folder);
+        for force in ["", "--force"] {
+            let (code, error) = place.fails(&format!("report one --out {folder} {force}"));
+            assert!(code == 2 && error.contains("holds no report of greenwater"), "{error}");
+        }
+        assert_eq!(place.contents(folder), before);
+    }
+}
+
+/// The pool is 1.48 wide in the variables of the reference, which takes 17 s to 1.5: a lead of nearly 100 %.
+#[test]
+fn a_comparison_outside_a_band_ends_with_code_3_once_all_is_written() {
+    let place = Place::new();
+    let reference = r#"
+[[compare.reference]]
+name = "A slow front"
+quantity = "front"
+source = "made up"
+time_scale = 1.0
+value_scale = 1.85
+time_label = "t"
+value_label = "x/L"
+points = [[0.0, 1.0], [100.0, 4.0]]
+"#;
+    place.put("slow/case.toml", &format!("{POOL}{reference}"));
+    let (code, error) = place.fails("compare slow --methods wcsph --out both --end 0.1");
+    assert_eq!(code, 3, "{error}");
+    assert!(error.contains("1 of 3 checks") && error.contains("A slow front") && error.contains("must be -20 to 20"), "{error}");
+    assert!(place.path("both/report/index.html").is_file() && place.path("both/wcsph/DONE").is_file());
+}
+
 #[test]
 fn frames_do_not_depend_on_the_number_of_threads() {
     let place = Place::new();
@@ -432,7 +483,12 @@ fn validate_measures_a_case_and_tells_a_miss_by_its_exit_code() {
     assert_eq!(place.fails("validate --from narrow.json"), (3, "error: 1 of 3 quantities are outside their bands".to_owned()));
     assert_eq!(place.fails("validate free-fal").0, 2);
     let (code, error) = place.fails("validate free-fall --method wcsph --json results.json");
-    assert!(code == 2 && error.contains("exists already"), "{error}");
+    assert!(code == 2 && error.contains("results.json` exists already; name another file, or replace it with --force"), "{error}");
+    let (code, error) = place.fails("validate wedge couette --quick");
+    assert!(code == 2 && error.contains("no short run of wedge, couette; leave --quick out"), "{error}");
+    let output = place.run("validate wedge free-fall --quick --method wcsph");
+    let said = text(&output.stderr);
+    assert!(output.status.success() && said.contains("wedge: passed over") && !said.contains("free-fall: passed over"), "{said}");
     place.put("wrong.json", "{}");
     assert_eq!(place.fails("validate --from wrong.json").0, 2);
 }

@@ -36,15 +36,20 @@ pub struct ReportPaths {
 
 /// Writes `index.html`, `report.json` and `figures/` for the given run folders into `out`, from stored data only.
 ///
-/// Each file is written under a temporary name and renamed. What a run did not leave is said in the page.
+/// Each file is written under a temporary name and renamed, `report.json` first: a folder that holds it is a report, finished or not.
+/// What a run did not leave is said in the page.
 ///
 /// # Errors
 /// If the list is empty, a path is no run folder, or `out` cannot be written.
 pub fn write_report(runs: &[PathBuf], out: &Path) -> Result<ReportPaths, ReportError> {
     let runs = Run::read_all(runs)?;
     let report = Report::of(&runs);
-    let figures_dir = out.join("figures");
-    fs::create_dir_all(&figures_dir).map_err(|source| ReportError::Io { action: "create", path: figures_dir.clone(), source })?;
+    let create =
+        |path: &Path| fs::create_dir_all(path).map_err(|source| ReportError::Io { action: "create", path: path.to_owned(), source });
+    let (html, json, figures_dir) = (out.join("index.html"), out.join("report.json"), out.join("figures"));
+    create(out)?;
+    write_file(&json, format!("{:#}\n", report.json()).as_bytes())?;
+    create(&figures_dir)?;
     let page = report.page(out);
     // Turning drawings into pictures is most of the time, and none knows of another.
     let drawn: Vec<&Figure> = page.figures().collect();
@@ -57,8 +62,6 @@ pub fn write_report(runs: &[PathBuf], out: &Path) -> Result<ReportPaths, ReportE
             figures.push(path);
         }
     }
-    let (html, json) = (out.join("index.html"), out.join("report.json"));
-    write_file(&json, format!("{:#}\n", report.json()).as_bytes())?;
     write_file(&html, page.html().as_bytes())?;
     Ok(ReportPaths { html, json, figures })
 }

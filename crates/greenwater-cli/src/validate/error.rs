@@ -13,6 +13,12 @@ pub enum ValidateError {
         /// What there is.
         known: Vec<&'static str>,
     },
+    /// Every case was left out.
+    #[error("--quick leaves nothing to run, for there is no short run of {}; leave --quick out", cases.join(", "))]
+    NothingToRun {
+        /// The cases.
+        cases: Vec<&'static str>,
+    },
     /// The bands of a case do not hold what they should.
     #[error("validation/{case}/bands.toml: {problem}")]
     Bands {
@@ -44,7 +50,7 @@ impl ValidateError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Missed { .. } => 3,
-            Self::NoCase { .. } | Self::Results { .. } => 2,
+            Self::NoCase { .. } | Self::NothingToRun { .. } | Self::Results { .. } => 2,
             Self::Bands { .. } => 1,
         }
     }
