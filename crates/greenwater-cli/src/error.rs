@@ -93,16 +93,6 @@ pub enum CliError {
         /// The folder.
         path: PathBuf,
     },
-    /// A comparison that ran to its end, with numbers outside their bands.
-    #[error("{missed} of {all} checks of the comparison are outside their bands: {first}; the section Checks of the report has all")]
-    OutsideBands {
-        /// Outside.
-        missed: usize,
-        /// All checks.
-        all: usize,
-        /// The first of those outside, with value and band.
-        first: String,
-    },
     /// A file or folder could not be read or written.
     #[error("cannot {action} `{}`: {source}", path.display())]
     Io {
@@ -134,7 +124,6 @@ impl CliError {
             Self::Validate(error) => error.exit_code(),
             Self::Run { source, .. } => source.exit_code(),
             Self::Report(ReportError::Io { .. } | ReportError::NotFound { .. }) | Self::Io { .. } | Self::Print(_) => 5,
-            Self::OutsideBands { .. } => 3,
             Self::Report(ReportError::Raster { .. }) | Self::ThreadPool { .. } => 1,
             Self::Report(_)
             | Self::Threads { .. }

@@ -170,24 +170,9 @@ pub fn compare(args: &CompareArgs) -> Result<(), CliError> {
     }
     let failed = names.into_iter().zip(finished).find_map(|(method, run)| run.failure.map(|error| (method, error, run.folder)));
     match failed {
-        None => within_bands(&paths.json),
+        None => Ok(()),
         Some((method, error, folder)) => Err(CliError::Run { method, source: Box::new(error), folder }),
     }
-}
-
-/// Whether every check in `report.json` lies in its band.
-fn within_bands(report: &Path) -> Result<(), CliError> {
-    let text = std::fs::read(report).map_err(|source| CliError::Io { action: "read", path: report.to_owned(), source })?;
-    let value: Value = serde_json::from_slice(&text).unwrap_or_default();
-    let checks = value["acceptance"].as_array().map_or(&[][..], Vec::as_slice);
-    let missed: Vec<&Value> = checks.iter().filter(|check| check["pass"] == false).collect();
-    let Some(first) = missed.first() else { return Ok(()) };
-    let word = |key: &str| first[key].as_str().unwrap_or_default();
-    let number = |key: &str| first[key].as_f64().map_or("none".to_owned(), crate::validate::number);
-    let unit = if word("unit") == "1" { String::new() } else { format!(" {}", word("unit")) };
-    let first =
-        format!("{}: {} is {}{unit}, but must be {} to {}", word("method"), word("what"), number("value"), number("low"), number("high"));
-    Err(CliError::OutsideBands { missed: missed.len(), all: checks.len(), first })
 }
 
 /// Folder names: the method, with its preset where the method stands there twice.

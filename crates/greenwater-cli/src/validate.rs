@@ -21,7 +21,6 @@ use greenwater::with_setup;
 
 pub use error::ValidateError;
 use measure::{Band, Reading};
-pub use record::number;
 use record::{Outcome, Results};
 use suite::{Bands, CASES, Measure, Quantity, RunPlan, Shipped};
 

@@ -3,6 +3,7 @@
 use crate::lanes::Record;
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
+use crate::reduce::sum;
 
 /// Lengths after which a box repeats, m; infinite along its open axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,6 +81,19 @@ impl<const D: usize> Domain<D> {
     /// Whether fluid at `x` has left the box through an open face across axis `d`.
     fn leaves(&self, x: Vector<D>, d: usize) -> bool {
         !self.periodic[d] && x[d].is_finite() && !(self.min[d]..=self.max[d]).contains(&x[d])
+    }
+
+    /// Whether fluid of `rest_density` (kg/m³) and walls at a `spacing` (m) fill a box that repeats along all axes, but for a hundredth: there
+    /// is no place for a free surface then, whatever the flow does to the packing.
+    pub fn is_brimful(&self, p: &Particles<D>, spacing: f64, rest_density: f64) -> bool {
+        let cell: f64 = (0..D).map(|_| spacing).product();
+        let volume = |a: usize| match p.kind[a] {
+            Kind::Fluid => p.mass[a] / rest_density,
+            Kind::Wall => cell,
+            Kind::Lost => 0.0,
+        };
+        let whole: f64 = (0..D).map(|d| self.max[d] - self.min[d]).product();
+        !self.periodic.contains(&false) && sum(p.owned(), volume) >= 0.99 * whole
     }
 
     /// Whether fluid at `x` (m) has left the box: the next [`refresh`](Self::refresh) makes it [`Kind::Lost`].

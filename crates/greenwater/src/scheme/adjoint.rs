@@ -164,13 +164,17 @@ impl<const D: usize> Flow<D> {
         let pairs = Pairs { set, kernel, near, records: &self.records, lengths: (!lengths.is_empty()).then_some(lengths.as_slice()) };
         sweep_lanes(set, &mut self.at, &Looking { pairs, lattice, p });
         let (at, places) = (&mut self.at, &mut self.places);
-        sweep(&mut places[..owned], |a| at[a].place);
-        domain.refresh_column(places);
-        update(at, |a, at| {
-            if p.is_fluid(a) {
-                at.look_for_surface(lattice, (near, near.positions()), f, places, a);
-            }
-        });
+        if domain.is_brimful(p, self.medium.spacing, rest) {
+            at.iter_mut().for_each(|at| at.place = Place::Inside);
+        } else {
+            sweep(&mut places[..owned], |a| at[a].place);
+            domain.refresh_column(places);
+            update(at, |a, at| {
+                if p.is_fluid(a) {
+                    at.look_for_surface(lattice, (near, near.positions()), f, places, a);
+                }
+            });
+        }
         for a in 0..owned {
             p.density[a] = rest * self.at[a].filling;
             p.surface[a] = u8::from(self.at[a].place == Place::Surface);

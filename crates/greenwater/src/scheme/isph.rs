@@ -26,7 +26,7 @@ use crate::physics::damping::Damping;
 use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, Sense};
 use crate::poisson::{Arms, CsrMatrix, LinearSolver, Sliced, SolveError, SolveReport};
-use crate::reduce::{norm, sum};
+use crate::reduce::norm;
 use crate::sweep::{largest, sweep, sweep2, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::wall_normals;
@@ -218,21 +218,6 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         sweep2(&mut p.density[..owned], &mut p.surface[..owned], |a| (rest * at[a].filling, u8::from(at[a].place == Place::Surface)));
         Ok(())
     }
-}
-
-/// Whether fluid and walls fill a box that repeats along all axes, but for a hundredth: there is no place for a surface,
-/// whatever the flow does to the packing.
-fn is_brimful<const D: usize>(p: &Particles<D>, domain: &Domain<D>, lattice: &Lattice) -> bool {
-    if domain.periodic.contains(&false) {
-        return false;
-    }
-    let cell: f64 = (0..D).map(|_| lattice.spacing).product();
-    let volume = sum(p.owned(), |a| match p.kind[a] {
-        Kind::Fluid => p.mass[a] / lattice.rest_density,
-        Kind::Wall => cell,
-        Kind::Lost => 0.0,
-    });
-    volume >= 0.99 * (0..D).map(|d| domain.max[d] - domain.min[d]).product::<f64>()
 }
 
 /// What the arrangement of its neighbours says about each particle, and `f` of each pair.
@@ -683,7 +668,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
     fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
         self.flow.dt_before = None;
         self.flow.lattice = Lattice::of(self.kernel, p.h_max(), self.flow.medium.spacing, self.flow.medium.rest_density);
-        if is_brimful(p, domain, &self.flow.lattice) {
+        if domain.is_brimful(p, self.flow.medium.spacing, self.flow.medium.rest_density) {
             self.flow.settings.free_surface = FreeSurface::None;
         }
         // Until it was looked at, fluid may have a surface anywhere.
