@@ -139,10 +139,10 @@ impl<const D: usize> Flow<D> {
     /// Forces on walls: friction is there already; adds the rest, and shares out what the momentum of the fluid says is missing.
     ///
     /// The gradient is exact rather than conservative, so that the balance of momentum differs a little from the sum over pairs. Where
-    /// particles stand unevenly, all pressures of pairs push by the same share too much or too little (1 % beside packed water): the
-    /// pushes are off by one factor `1 + ε`, and each by a share of its own. With both errors equally likely, least squares give
-    /// `ε = R·P/(P² + Σ P_w²)` for the push `P` on all walls, of which `R` is missing. What remains is shared out in proportion to the
-    /// forces, direction by direction.
+    /// particles stand unevenly, all pressures of pairs push by the same share `ε` too much or too little (1 % beside packed water).
+    /// Least squares tell it from the push `P` on all walls and what it has to be, `F`: `|P − (1 + ε) F|² + ε² Σ P_w²` is least, where
+    /// the second term stands for errors of each push of its own. What remains is shared out in proportion to the forces, direction by
+    /// direction.
     pub(super) fn wall_forces(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let owned = p.owned();
         let mut force = std::mem::take(&mut p.force);
@@ -153,9 +153,10 @@ impl<const D: usize> Flow<D> {
 
         let balance = total(owned, |a| if p.is_fluid(a) { p.mass[a] * (this.medium.gravity - p.acceleration[a]) } else { Vector::ZERO });
         let pushed = total(owned, |a| Vector(push[a]));
-        let missing = balance - total(owned, |a| force[a]) - pushed;
-        let squares = pushed.norm_squared() + sum(owned, |a| Vector(push[a]).norm_squared());
-        let factor = if squares > 0.0 { 1.0 + (missing.dot(pushed) / squares).clamp(-1.0, 1.0) } else { 1.0 };
+        let due = balance - total(owned, |a| force[a]);
+        let own = sum(owned, |a| Vector(push[a]).norm_squared());
+        let (exact, found) = (due.norm_squared() + own, pushed.dot(due) + own);
+        let factor = if found > 0.0 { (exact / found).clamp(0.5, 2.0) } else { 1.0 };
         update(&mut force[..owned], |a, force| *force += factor * Vector(push[a]));
 
         let missing = balance - total(owned, |a| force[a]);
