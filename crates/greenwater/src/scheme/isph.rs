@@ -721,8 +721,7 @@ impl<const D: usize> Flow<D> {
         let (h, c) = (p.h_min(), self.medium.courant);
         let nu = self.medium.viscosity / self.medium.rest_density;
         let pushed = largest(p.owned(), |a| if p.is_fluid(a) { 0.0 } else { p.acceleration[a].norm_squared() }).max(0.0).sqrt();
-        // Where all is slow now, walls that start may soon make it a quarter as fast as the case expects.
-        let limit = StepLimit::new(c * h / self.speed(p).max(0.25 * self.medium.speed), "flow")
+        let limit = StepLimit::new(c * h / self.speed(p), "flow")
             .min(StepLimit::new(0.5 * c * h * h / nu, "viscosity"))
             .min(StepLimit::new(c * (h / pushed).sqrt(), "walls"));
         match self.dt_before {
