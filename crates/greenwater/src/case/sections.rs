@@ -216,7 +216,7 @@ pub struct Domain {
     /// Axes (`"x"`, `"y"`, `"z"`) along which the region repeats; these need `min` and `max`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub periodic: Vec<String>,
-    /// Lower corner; left out: as far beyond fluid and walls as they are large together, ten times as far along gravity's opposite, and as much farther as walls move.
+    /// Lower corner; left out: as far beyond fluid and walls as they are large together, ten times as far along gravity's opposite, and as much farther as walls go if that is more than half of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("unit" = "m"))]
     pub min: Option<Vec<f64>>,

@@ -726,10 +726,11 @@ fn bounds<const D: usize>(
     // back: ten times as far against gravity.
     let size = (high - low).0.into_iter().fold(0.0, f64::max);
     let margin = |along_up: f64| size * (1.0 + 9.0 * along_up.max(0.0));
-    // Walls take the fluid along.
+    // Walls take the fluid along: those that go far, and may leave the margin.
     let paths = motions.iter().map(|motion| motion.path(s.time.end));
     let (back, forth) = paths.reduce(join).unwrap_or_default();
-    let (mut min, mut max) = (low - (-up).map(margin) + back, high + up.map(margin) + forth);
+    let far = |path: f64| if path.abs() > 0.5 * size { path } else { 0.0 };
+    let (mut min, mut max) = (low - (-up).map(margin) + back.map(far), high + up.map(margin) + forth.map(far));
     for (key, given, slot) in [("domain.min", &s.domain.min, &mut min), ("domain.max", &s.domain.max, &mut max)] {
         match given {
             Some(numbers) => *slot = vector(numbers, key, source)?,
