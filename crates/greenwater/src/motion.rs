@@ -31,9 +31,9 @@ impl<const D: usize> Motion<D> {
     /// How far the walls go up to `end` (s), m, along each axis at the least and at the most; zero where they stay.
     pub fn path(&self, end: f64) -> (Vector<D>, Vector<D>) {
         let (mut least, mut most, mut at) = (Vector::ZERO, Vector::ZERO, Vector::ZERO);
-        let dt = if self.moves { end / 1000.0 } else { 0.0 };
-        for i in 0..1000 {
-            at += dt * self.over(dt * f64::from(i), dt.max(f64::MIN_POSITIVE)).0;
+        let dt = end / 1000.0;
+        for i in (0..1000).filter(|_| self.moves) {
+            at += dt * self.over(dt * f64::from(i), dt).0;
             (least, most) = (least.zip(at, f64::min), most.zip(at, f64::max));
         }
         (least, most)
