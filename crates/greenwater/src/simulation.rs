@@ -153,7 +153,7 @@ impl<const D: usize> Simulation<D> {
         }
         let limit = match self.fixed_step {
             Some(dt) => StepLimit::new(dt, "fixed"),
-            None => self.scheme.time_step(&self.particles),
+            None => self.stable_step(),
         };
         motion::set(&self.motions, &mut self.particles, self.time, limit.dt);
         let Self { scheme, particles, domain, phases, .. } = &mut *self;
@@ -176,6 +176,16 @@ impl<const D: usize> Simulation<D> {
                 Err(RunError::Step { source, time: self.time, step: self.step + 1 })
             }
         }
+    }
+
+    /// The step that the method allows, and the walls that move.
+    fn stable_step(&self) -> StepLimit {
+        let limit = self.scheme.time_step(&self.particles);
+        if self.motions.is_empty() {
+            return limit;
+        }
+        let dt = motion::within_reach(&self.motions, self.time, limit.dt, self.particles.h_min());
+        limit.min(StepLimit::new(dt, "moving walls"))
     }
 
     /// Starts, steps until `stop` says so, and shows every state to the observers.

@@ -373,6 +373,46 @@ name = "all"
     assert!((lift / exact - 1.0).abs() < 0.02, "{lift} N/m, not {exact}");
 }
 
+/// Fluid at rest under no gravity bounds no step; a lid that starts at 1 s does, before it has gone far, and a step after the
+/// start goes by what moves.
+#[test]
+fn a_lid_that_starts_late_is_not_stepped_over() {
+    let text = r#"format = 1
+title = "Late lid"
+dimension = 2
+[fluid]
+spacing = 0.1
+viscosity = 1.0
+initial_pressure = "zero"
+shapes = [{ box = { min = [0.0, 0.0], max = [1.0, 1.0] } }]
+[walls]
+layers = 4
+shapes = [
+    { name = "box", tank = { min = [0.0, 0.0], max = [1.0, 1.0], open = ["top"] } },
+    { name = "lid", velocity = ["step(t - 1)", "0"], moves = false, box = { min = [-0.4, 1.0], max = [1.4, 1.4] } },
+]
+[gravity]
+acceleration = [0.0, 0.0]
+[method]
+name = "isph"
+[time]
+end = 2.0
+"#;
+    let case = Case::parse("late-lid.toml", text.to_owned(), None, &[]).unwrap();
+    let AnySetup::D2(setup) = case.checked().unwrap() else { panic!("a case in two dimensions") };
+    let mut run = setup.simulation().unwrap();
+    run.start().unwrap();
+    let (mut before, mut longest) = (0.0_f64, 0.0_f64);
+    while run.time() < 1.5 {
+        let (limit, _) = run.advance().unwrap();
+        let of = if run.time() <= 1.0 { &mut before } else { &mut longest };
+        *of = of.max(limit.dt);
+    }
+    let h = run.particles().h_min();
+    assert!(before > 0.5 * h, "the step at rest, {before} s, tests nothing");
+    assert!(longest <= 0.5 * h, "{longest} s of 1 m/s, h {h} m");
+}
+
 /// Vortices in a box that repeats both ways, from a lattice that they tear: no particle comes to a surface, for there is no place for
 /// one, and the energy decays as it does without looking for one.
 #[test]

@@ -36,7 +36,7 @@ pub(super) fn provenance<const D: usize>(setup: &Setup<D>, command: &[String], s
             "h_over_spacing": setup.h_over_spacing,
         },
         "particles": {"fluid": setup.estimate.fluid, "wall": setup.estimate.walls},
-        "time_step_rule": setup.method.time_step_rule(setup.time.courant, setup.time.step),
+        "time_step_rule": time_step_rule(setup),
         "departures": setup.method.departures(setup.viscosity, setup.kernel),
         "distinctions": setup.method.distinctions(),
         "scales": {
@@ -57,6 +57,15 @@ pub(super) fn provenance<const D: usize>(setup: &Setup<D>, command: &[String], s
         value["scales"]["up_axis"] = json!(axis);
     }
     value
+}
+
+/// How the time step is chosen: by the method, and by walls that move.
+fn time_step_rule<const D: usize>(setup: &Setup<D>) -> String {
+    let rule = setup.method.time_step_rule(setup.time.courant, setup.time.step);
+    if setup.motions.is_empty() || setup.time.step.is_some() {
+        return rule;
+    }
+    format!("{rule}; walls that move go half of h in a step at most")
 }
 
 /// Corners of the smallest box around all particles, m.
