@@ -24,6 +24,7 @@ use crate::math::Vector;
 use crate::neighbors::SearchError;
 use crate::particles::Particles;
 use crate::poisson::SolveError;
+use crate::sweep::largest;
 use crate::time::{Phases, StepLimit};
 
 pub use acoustic::Acoustic;
@@ -182,6 +183,24 @@ impl<const D: usize> Medium<D> {
     /// Magnitude of gravity, m/s².
     pub fn g(&self) -> f64 {
         self.gravity.norm()
+    }
+
+    /// The greatest speed that counts for steps and viscosity, m/s: of fluid and walls, at least `sqrt(g H)`.
+    pub fn greatest_speed(&self, p: &Particles<D>) -> f64 {
+        let fastest = largest(p.owned(), |a| p.v[a].norm_squared()).max(0.0).sqrt();
+        fastest.max((self.g() * self.depth).sqrt())
+    }
+
+    /// `C h/max(|v|, sqrt(g H))` and `C h²/(2ν)`: how far flow and friction may get in a step of an incompressible fluid, for a length `h`, m.
+    pub fn flow_limit(&self, p: &Particles<D>, h: f64) -> StepLimit {
+        let nu = self.viscosity / self.rest_density;
+        StepLimit::new(self.courant * h / self.greatest_speed(p), "flow").min(StepLimit::new(0.5 * self.courant * h * h / nu, "viscosity"))
+    }
+
+    /// `C sqrt(h/|a|)` for the walls of greatest acceleration.
+    pub fn wall_limit(&self, p: &Particles<D>, h: f64) -> StepLimit {
+        let pushed = largest(p.owned(), |a| if p.is_fluid(a) { 0.0 } else { p.acceleration[a].norm_squared() }).max(0.0).sqrt();
+        StepLimit::new(self.courant * (h / pushed).sqrt(), "walls")
     }
 }
 

@@ -17,6 +17,17 @@ impl StepLimit {
         Self { dt, name }
     }
 
+    /// The limit behind a step of `before` seconds: from step to step a fifth more or half at most, since pressure of an incompressible
+    /// fluid goes as one over the step. Where nothing bounds it, the step before again, or `first` seconds.
+    pub fn after(self, before: Option<f64>, first: f64) -> Self {
+        match before {
+            before if self.dt == f64::INFINITY => Self::new(before.unwrap_or(first), "rest"),
+            Some(before) if self.dt > 1.2 * before => Self::new(1.2 * before, "growth"),
+            Some(before) if self.dt < 0.5 * before => Self::new(0.5 * before, "shrinkage"),
+            _ => self,
+        }
+    }
+
     /// The stricter of two limits.
     pub fn min(self, other: Self) -> Self {
         if other.dt < self.dt { other } else { self }

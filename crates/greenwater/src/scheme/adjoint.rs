@@ -14,7 +14,7 @@ use crate::physics::pairs::{Pairs, record};
 use crate::poisson::SolveReport;
 use crate::poisson::projection::{self, Goal, Workspace};
 use crate::reduce::sum;
-use crate::sweep::{largest, sweep, update};
+use crate::sweep::{sweep, update};
 use crate::time::StepLimit;
 use crate::walls::guard::{Guarded, force_of_set_back, set_back};
 use crate::walls::{first_line_parents, wall_normals};
@@ -51,6 +51,8 @@ pub(super) struct Choices {
 pub(super) struct Flow<const D: usize> {
     pub medium: Medium<D>,
     pub choices: Choices,
+    /// Whether fluid and walls leave no place for a free surface.
+    brimful: bool,
     lattice: Lattice,
     near: Neighbors<D>,
     f: PairColumn,
@@ -104,6 +106,7 @@ impl<const D: usize> Flow<D> {
             lattice: Lattice::of(kernel, medium.spacing, medium.spacing, medium.rest_density),
             medium,
             choices,
+            brimful: false,
             near: Neighbors::new(),
             f: PairColumn::default(),
             records: Vec::new(),
@@ -127,8 +130,9 @@ impl<const D: usize> Flow<D> {
         }
     }
 
-    /// Lattice constants of the particles' own smoothing length; forgets the steps before.
-    pub fn begin<K: Kernel<D>>(&mut self, kernel: K, p: &Particles<D>) {
+    /// Lattice constants of the particles' own smoothing length, and whether there may be a surface; forgets the steps before.
+    pub fn begin<K: Kernel<D>>(&mut self, kernel: K, p: &Particles<D>, domain: &Domain<D>) {
+        self.brimful = domain.is_brimful(p, self.medium.spacing, self.medium.rest_density);
         self.lattice = Lattice::of(kernel, p.h_max(), self.medium.spacing, self.medium.rest_density);
         self.dt_before = None;
         self.first_line.clear();
@@ -164,7 +168,7 @@ impl<const D: usize> Flow<D> {
         let pairs = Pairs { set, kernel, near, records: &self.records, lengths: (!lengths.is_empty()).then_some(lengths.as_slice()) };
         sweep_lanes(set, &mut self.at, &Looking { pairs, lattice, p });
         let (at, places) = (&mut self.at, &mut self.places);
-        if domain.is_brimful(p, self.medium.spacing, rest) {
+        if self.brimful {
             at.iter_mut().for_each(|at| at.place = Place::Inside);
         } else {
             sweep(&mut places[..owned], |a| at[a].place);
@@ -213,28 +217,11 @@ impl<const D: usize> Flow<D> {
         });
     }
 
-    /// The greatest speed that counts for steps and viscosity, m/s: of fluid and walls, at least `sqrt(g H)`.
-    fn speed(&self, p: &Particles<D>) -> f64 {
-        let fastest = largest(p.owned(), |a| p.v[a].norm_squared()).max(0.0).sqrt();
-        fastest.max((self.medium.g() * self.medium.depth).sqrt())
-    }
-
     /// `C h/max(|v|, sqrt(g H))`, and bounds from viscosity and moving walls; from step to step a fifth more or half at most:
     /// pressure goes as one over the step, that of a density error as one over its square.
     pub fn time_step(&self, p: &Particles<D>) -> StepLimit {
-        let (h, c) = (p.h_min(), self.medium.courant);
-        let nu = self.medium.viscosity / self.medium.rest_density;
-        let pushed = largest(p.owned(), |a| if p.is_fluid(a) { 0.0 } else { p.acceleration[a].norm_squared() }).max(0.0).sqrt();
-        let limit = StepLimit::new(c * h / self.speed(p), "flow")
-            .min(StepLimit::new(0.5 * c * h * h / nu, "viscosity"))
-            .min(StepLimit::new(c * (h / pushed).sqrt(), "walls"));
-        match self.dt_before {
-            // Nothing moves and nothing pushes: any step will do.
-            before if limit.dt == f64::INFINITY => StepLimit::new(before.unwrap_or(c * h), "rest"),
-            Some(before) if limit.dt > 1.2 * before => StepLimit::new(1.2 * before, "growth"),
-            Some(before) if limit.dt < 0.5 * before => StepLimit::new(0.5 * before, "shrinkage"),
-            _ => limit,
-        }
+        let h = p.h_min();
+        self.medium.flow_limit(p, h).min(self.medium.wall_limit(p, h)).after(self.dt_before, self.medium.courant * h)
     }
 
     /// `v += Δt (g + viscosity)`: `2ν Σ f (v_b − v_a)` of the fluid (Morris, Fox & Zhu 1997) with walls that stick at their own
@@ -242,7 +229,7 @@ impl<const D: usize> Flow<D> {
     pub fn predict(&mut self, p: &Particles<D>, domain: &Domain<D>, dt: f64) {
         domain.refresh_column(&mut self.v);
         let nu = self.medium.viscosity / self.medium.rest_density;
-        let numerical = 2.0 * (D as f64 + 2.0) * self.choices.dissipation * self.speed(p) / 8.0;
+        let numerical = 2.0 * (D as f64 + 2.0) * self.choices.dissipation * self.medium.greatest_speed(p) / 8.0;
         let sticky = nu > 0.0 && self.choices.sticky;
         let (near, f, v, gravity) = (&self.near, &self.f, &self.v, self.medium.gravity);
         self.v_next.resize(p.len(), Vector::ZERO);

@@ -76,7 +76,7 @@ impl<K: Kernel<D>, const D: usize> Iisph<K, D> {
 impl<K: Kernel<D>, const D: usize> Scheme<D> for Iisph<K, D> {
     /// Density, surface, and the pressure that the first step will find.
     fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError> {
-        self.flow.begin(self.kernel, p);
+        self.flow.begin(self.kernel, p, domain);
         self.flow.look_around(self.kernel, p, domain)?;
         let dt = self.flow.time_step(p).dt;
         self.packing.clone_from(&p.pressure);

@@ -27,7 +27,7 @@ use crate::physics::lattice::Lattice;
 use crate::physics::pairs::{Pairs, Sense};
 use crate::poisson::{Arms, CsrMatrix, LinearSolver, Sliced, SolveError, SolveReport};
 use crate::reduce::norm;
-use crate::sweep::{largest, sweep, sweep2, update, update2};
+use crate::sweep::{sweep, sweep2, update, update2};
 use crate::time::{Phases, StepLimit};
 use crate::walls::wall_normals;
 
@@ -186,7 +186,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         domain.refresh_column(&mut stretch[..p.len()]);
         stretch[p.len()] = [Vector::ZERO; D];
         flow.v.resize(p.len(), Vector::ZERO);
-        if flow.lacking(p.h_max(), flow.speed(p)) > 0.0 {
+        if flow.lacking(p.h_max(), flow.medium.greatest_speed(p)) > 0.0 {
             // Of strength one: the viscosity is known later, with the speed.
             let damping = Damping { pairs, stretch: &stretch[..], scale: 1.0 / rest, strength: [0.0, -1.0], h: &p.h };
             sweep_lanes(set, &mut flow.v[..owned], &damping);
@@ -245,12 +245,6 @@ impl<K: Kernel<D>, const D: usize> RowsOfPairs<Arrangement<D>, Matrix<D>> for Lo
 }
 
 impl<const D: usize> Flow<D> {
-    /// The greatest speed that counts for steps and viscosity, m/s: of fluid and walls, at least `sqrt(g H)`.
-    fn speed(&self, p: &Particles<D>) -> f64 {
-        let fastest = largest(p.owned(), |a| p.v[a].norm_squared()).max(0.0).sqrt();
-        fastest.max((self.medium.g() * self.medium.depth).sqrt())
-    }
-
     /// The factor `ν` of sums `2ν Σ f (v_b − v_a)`, m²/s, for which they are exact for parabolic profiles on a lattice, whose `Σ f r²` is
     /// not quite `D`.
     fn diffusivity(&self) -> f64 {
@@ -718,19 +712,8 @@ impl<const D: usize> Flow<D> {
     /// `C h/max(|v|, sqrt(g H))`, and bounds from viscosity and moving walls; from step to step it grows by a fifth at most and at
     /// most halves: what is left of the divergence makes a pressure that goes as one over the step.
     fn time_step(&self, p: &Particles<D>) -> StepLimit {
-        let (h, c) = (p.h_min(), self.medium.courant);
-        let nu = self.medium.viscosity / self.medium.rest_density;
-        let pushed = largest(p.owned(), |a| if p.is_fluid(a) { 0.0 } else { p.acceleration[a].norm_squared() }).max(0.0).sqrt();
-        let limit = StepLimit::new(c * h / self.speed(p), "flow")
-            .min(StepLimit::new(0.5 * c * h * h / nu, "viscosity"))
-            .min(StepLimit::new(c * (h / pushed).sqrt(), "walls"));
-        match self.dt_before {
-            // Nothing moves and nothing pushes: any step will do, and the one before most of all.
-            before if limit.dt == f64::INFINITY => StepLimit::new(before.unwrap_or(c * h), "rest"),
-            Some(before) if limit.dt > 1.2 * before => StepLimit::new(1.2 * before, "growth"),
-            Some(before) if limit.dt < 0.5 * before => StepLimit::new(0.5 * before, "shrinkage"),
-            _ => limit,
-        }
+        let h = p.h_min();
+        self.medium.flow_limit(p, h).min(self.medium.wall_limit(p, h)).after(self.dt_before, self.medium.courant * h)
     }
 
     /// A step, once the sums over neighbours are there.
@@ -794,7 +777,7 @@ impl<const D: usize> Flow<D> {
 
     /// (1): the velocity without pressure, in `self.v`; friction of walls in `p.force`.
     fn predict(&mut self, p: &mut Particles<D>, dt: f64) {
-        let (owned, speed) = (p.owned(), self.speed(p));
+        let (owned, speed) = (p.owned(), self.medium.greatest_speed(p));
         self.fastest = speed;
         let mut v = std::mem::take(&mut self.v);
         let this = &*self;

@@ -12,7 +12,7 @@ use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
 use crate::physics::surface::{Arcs, SurfaceTest, is_exposed};
 use crate::poisson::{CsrMatrix, LinearSolver, SolveError, SolveReport, SolverSettings};
-use crate::sweep::{largest, sweep, sweep_with, sweep2, update};
+use crate::sweep::{sweep, sweep_with, sweep2, update};
 use crate::time::{Phases, StepLimit};
 use crate::walls::guard::{Guarded, balance, force_of_set_back, set_back};
 use crate::walls::{first_line_parents, wall_normals};
@@ -389,11 +389,6 @@ impl<const D: usize> Mps<D> {
         domain.refresh_column(&mut p.surface);
     }
 
-    fn speed(&self, p: &Particles<D>) -> f64 {
-        let fastest = largest(p.owned(), |a| p.v[a].norm_squared()).max(0.0).sqrt();
-        fastest.max((self.medium.g() * self.medium.depth).sqrt())
-    }
-
     /// `v* = v + Δt (g + ν ∇²v)` of fluid, in `self.v`, and the drag on walls.
     fn predict(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (near, far, gravity, owned) = (&self.near, self.far, self.medium.gravity, p.owned());
@@ -663,16 +658,8 @@ impl<const D: usize> Scheme<D> for Mps<D> {
     }
 
     fn time_step(&self, p: &Particles<D>) -> StepLimit {
-        let (dx, c) = (self.medium.spacing, self.medium.courant);
-        let nu = self.medium.viscosity / self.medium.rest_density;
-        let limit = StepLimit::new(c * dx / self.speed(p), "flow").min(StepLimit::new(0.5 * c * dx * dx / nu, "viscosity"));
-        match self.dt_before {
-            // Nothing moves and nothing pushes: any step will do.
-            before if limit.dt == f64::INFINITY => StepLimit::new(before.unwrap_or(c * dx), "rest"),
-            Some(before) if limit.dt > 1.2 * before => StepLimit::new(1.2 * before, "growth"),
-            Some(before) if limit.dt < 0.5 * before => StepLimit::new(0.5 * before, "shrinkage"),
-            _ => limit,
-        }
+        let dx = self.medium.spacing;
+        self.medium.flow_limit(p, dx).after(self.dt_before, self.medium.courant * dx)
     }
 
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
