@@ -37,7 +37,8 @@ pub struct View<'a, const D: usize> {
 
 /// Looks at a run without changing it: writes frames, samples probes, adds up energies.
 pub trait Observer<const D: usize> {
-    /// Called at the start and after every step.
+    /// Called with every state once: at the start and after every step, where the method has all fields of a state only behind the step from
+    /// it, one step later.
     ///
     /// # Errors
     /// A file could not be written. An error of kind [`io::ErrorKind::Interrupted`] ends the run in good order.

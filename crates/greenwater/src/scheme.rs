@@ -65,6 +65,18 @@ pub trait Scheme<const D: usize>: Send {
     /// The pressure equation was not solved, or a value is no longer finite. The state is then part-way through the step.
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError>;
 
+    /// Whether observers look at the state from which a step started, once it is made: for a method whose pressure and forces of a step
+    /// belong to that state, which has all of its fields only then.
+    fn looks_back(&self) -> bool {
+        false
+    }
+
+    /// Gives `p`, behind a step, the state from which it started, all fields at one time, until [`look_ahead`](Self::look_ahead).
+    fn look_back(&mut self, _p: &mut Particles<D>) {}
+
+    /// Gives `p` the state at the end of the step again.
+    fn look_ahead(&mut self, _p: &mut Particles<D>) {}
+
     /// Whether the method can [take back](Self::take_back) a step. For one that cannot, the driver keeps a copy of all particles.
     fn takes_back(&self) -> bool {
         false

@@ -71,11 +71,24 @@ pub struct Simulation<const D: usize> {
     motions: Vec<Motion<D>>,
     step: u64,
     time: f64,
+    /// Time at the start of the last step, s.
+    time_before: f64,
     phases: Phases,
     /// Copy of the last good state, given back when a step fails; empty where the method takes steps back by itself.
     last_good: Particles<D>,
     /// Velocity and acceleration of the moving walls in the last good state.
     walls: Vec<(Vector<D>, Vector<D>)>,
+}
+
+/// The state that observers see, but for its particles.
+#[derive(Clone, Copy)]
+struct Shown {
+    step: u64,
+    time: f64,
+    limit: Option<StepLimit>,
+    report: StepReport,
+    /// When the run began.
+    clock: Instant,
 }
 
 impl<const D: usize> Simulation<D> {
@@ -101,6 +114,7 @@ impl<const D: usize> Simulation<D> {
             motions: Vec::new(),
             step: 0,
             time: 0.0,
+            time_before: 0.0,
             phases: Phases::default(),
         }
     }
@@ -163,6 +177,7 @@ impl<const D: usize> Simulation<D> {
         match outcome.and_then(|report| self.check().map(|()| report)) {
             Ok(report) => {
                 self.step += 1;
+                self.time_before = self.time;
                 self.time += limit.dt;
                 Ok((limit, report))
             }
@@ -188,59 +203,81 @@ impl<const D: usize> Simulation<D> {
         limit.min(StepLimit::new(dt, "moving walls"))
     }
 
-    /// Starts, steps until `stop` says so, and shows every state to the observers.
+    /// Starts, steps until `stop` says so, and shows every state to the observers: as a step leaves it, or, where the method
+    /// [looks back](Scheme::looks_back), once the step from it is made.
     ///
     /// # Errors
     /// A step failed, an observer asked for the end, or one could not write. But for the last, the observers have then finished
     /// with the last good state.
     pub fn run(&mut self, stop: Stop, observers: &mut [&mut dyn Observer<D>]) -> Result<(), RunError> {
-        let clock = Instant::now();
+        let looks_back = self.scheme.looks_back();
+        let mut shown = Shown { step: 0, time: 0.0, limit: None, report: StepReport::default(), clock: Instant::now() };
+        // The step that led to the state at its end.
+        let mut led = (None, StepReport::default());
         self.start()?;
-        let mut last = (None, StepReport::default());
-        self.show(observers, last, clock)?;
-        let mut outcome = Ok(());
-        while self.time < stop.end && stop.steps.is_none_or(|most| self.step < most) {
-            match self.advance() {
-                Ok((limit, report)) => {
-                    last = (Some(limit), report);
-                    match self.show(observers, last, clock) {
-                        Err(RunError::Output(error)) if error.kind() == io::ErrorKind::Interrupted => {
-                            outcome = Err(RunError::Interrupted { time: self.time, step: self.step });
-                            break;
-                        }
-                        shown => shown?,
-                    }
-                }
-                Err(error) => {
-                    outcome = Err(error);
-                    break;
-                }
-            }
+        if !looks_back {
+            self.show(observers, shown)?;
         }
-        let view = self.view(last, clock);
+        let outcome = loop {
+            // A method that looks back has the first state to show behind the first step.
+            let unseen = looks_back && self.step == 0;
+            if !unseen && (shown.time >= stop.end || stop.steps.is_some_and(|most| shown.step >= most)) {
+                break Ok(());
+            }
+            if looks_back && !unseen {
+                self.scheme.look_ahead(&mut self.particles);
+            }
+            let made = match self.advance() {
+                Ok((limit, report)) => (Some(limit), report),
+                Err(error) => {
+                    if unseen {
+                        self.show(observers, shown)?;
+                    }
+                    (shown.step, shown.time, shown.limit, shown.report) = (self.step, self.time, led.0, led.1);
+                    break Err(error);
+                }
+            };
+            if looks_back {
+                self.scheme.look_back(&mut self.particles);
+                (shown.step, shown.time, shown.limit, shown.report) = (self.step - 1, self.time_before, led.0, led.1);
+            } else {
+                (shown.step, shown.time, shown.limit, shown.report) = (self.step, self.time, made.0, made.1);
+            }
+            led = made;
+            match self.show(observers, shown) {
+                Err(RunError::Output(error)) if error.kind() == io::ErrorKind::Interrupted => {
+                    break Err(RunError::Interrupted { time: shown.time, step: shown.step });
+                }
+                seen => seen?,
+            }
+        };
+        let view = self.view(shown);
         for observer in observers {
             observer.finish(&view)?;
+        }
+        if looks_back && shown.step < self.step {
+            self.scheme.look_ahead(&mut self.particles);
         }
         outcome
     }
 
-    fn show(&self, observers: &mut [&mut dyn Observer<D>], last: (Option<StepLimit>, StepReport), clock: Instant) -> Result<(), RunError> {
-        let view = self.view(last, clock);
+    fn show(&self, observers: &mut [&mut dyn Observer<D>], shown: Shown) -> Result<(), RunError> {
+        let view = self.view(shown);
         for observer in observers {
             observer.observe(&view)?;
         }
         Ok(())
     }
 
-    fn view(&self, (limit, report): (Option<StepLimit>, StepReport), clock: Instant) -> View<'_, D> {
+    fn view(&self, shown: Shown) -> View<'_, D> {
         View {
             particles: &self.particles,
-            step: self.step,
-            time: self.time,
-            limit,
-            report,
+            step: shown.step,
+            time: shown.time,
+            limit: shown.limit,
+            report: shown.report,
             phases: &self.phases,
-            elapsed: clock.elapsed().as_secs_f64(),
+            elapsed: shown.clock.elapsed().as_secs_f64(),
         }
     }
 

@@ -484,7 +484,7 @@ mod tests {
             Choices { dissipation: 0.1, sticky: true, wall_weight: 2.0, search: Search::Grid, tolerance: 1e-6, max_iterations: 2000 };
         let mut domain = Domain::new(Vector([-5.0; 2]), Vector([5.0; 2]), [false; 2]);
         let mut flow = Flow::new(WendlandC2, medium, choices);
-        flow.begin(WendlandC2, &p);
+        flow.begin(WendlandC2, &p, &domain);
         flow.look_around(WendlandC2, &mut p, &mut domain).unwrap();
         (flow, p, domain)
     }

@@ -106,6 +106,8 @@ struct Flow<const D: usize> {
     normals: Vec<Vector<D>>,
     first_line: Vec<u32>,
     dt_before: Option<f64>,
+    /// Share of the push of the last step that its start has seen.
+    since_kick: f64,
     /// Greatest speed of the step, m/s.
     fastest: f64,
 }
@@ -152,6 +154,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
             normals: Vec::new(),
             first_line: Vec::new(),
             dt_before: None,
+            since_kick: 0.0,
             fastest: 0.0,
         };
         Ok(Self { kernel, flow })
@@ -675,6 +678,29 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
         self.flow.time_step(p)
     }
 
+    fn looks_back(&self) -> bool {
+        true
+    }
+
+    fn look_back(&mut self, p: &mut Particles<D>) {
+        let Flow { moved, since_kick, .. } = &mut self.flow;
+        let (kind, since) = (&p.kind, *since_kick);
+        update2(&mut p.x[..moved.len()], moved, |_, x, moved| std::mem::swap(x, &mut moved.x));
+        update2(&mut p.v[..moved.len()], moved, |a, v, moved| {
+            let next = std::mem::replace(v, moved.v);
+            if kind[a] == Kind::Fluid {
+                *v += since * (next - moved.v);
+            }
+            moved.v = next;
+        });
+    }
+
+    fn look_ahead(&mut self, p: &mut Particles<D>) {
+        let moved = &mut self.flow.moved;
+        update2(&mut p.x[..moved.len()], moved, |_, x, moved| std::mem::swap(x, &mut moved.x));
+        sweep(&mut p.v[..moved.len()], |a| moved[a].v);
+    }
+
     fn takes_back(&self) -> bool {
         true
     }
@@ -720,7 +746,8 @@ impl<const D: usize> Flow<D> {
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
         let owned = p.owned();
         // Velocities stand half a step before positions.
-        let kick = 0.5 * (self.dt_before.unwrap_or(0.0) + dt);
+        let since = 0.5 * self.dt_before.unwrap_or(0.0);
+        let kick = since + 0.5 * dt;
 
         // (1) v* = v + Δt (g + viscosity), walls v + Δt (g − a)
         phases.measure("prediction", || self.predict(p, kick));
@@ -758,6 +785,7 @@ impl<const D: usize> Flow<D> {
             self.before.settled = true;
         });
         self.dt_before = Some(dt);
+        self.since_kick = since / kick;
         Ok(report)
     }
 
