@@ -233,21 +233,22 @@ fn measure(
     work: impl FnOnce(&dyn Fn(&str) -> bool, &Plan, &Session, &Clock) -> Result<Vec<Record>, BenchError>,
 ) -> Result<(), CliError> {
     let names: Vec<(&str, bool)> = names.collect();
-    if args.list {
-        let line = |(name, quick): &(&str, bool)| if *quick { format!("{name} (quick)") } else { (*name).to_owned() };
-        return console::print(&names.iter().map(line).collect::<Vec<_>>().join("\n"));
-    }
     if let Some(given) = args.only.iter().find(|only| !names.iter().any(|(name, _)| name.contains(only.as_str()))) {
         let known = names.iter().map(|(name, _)| *name).collect();
         return Err(BenchError::NoWorkload { given: given.clone(), known }.into());
     }
+    let chosen = |name: &str| {
+        let quick = names.iter().any(|(known, quick)| *known == name && *quick);
+        if args.only.is_empty() { quick || !args.quick } else { args.only.iter().any(|only| name.contains(only.as_str())) }
+    };
+    if args.list {
+        let line = |(name, quick): &(&str, bool)| if *quick { format!("{name} (quick)") } else { (*name).to_owned() };
+        let lines: Vec<String> = names.iter().filter(|(name, _)| chosen(name)).map(line).collect();
+        return console::print(&lines.join("\n"));
+    }
     let plan = args.plan()?;
     args.files.check()?;
     args.keep.check(&args.files)?;
-    let chosen = |name: &str| {
-        let quick = names.iter().any(|(known, quick)| *known == name && *quick);
-        if args.only.is_empty() { quick || !plan.quick } else { args.only.iter().any(|only| name.contains(only.as_str())) }
-    };
     let clock = Clock::start();
     let session = Session::here(&plan, &clock)?;
     let records = work(&chosen, &plan, &session, &clock)?;

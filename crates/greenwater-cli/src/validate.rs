@@ -72,7 +72,7 @@ const DEFAULT_METHODS: [MethodName; 2] = [MethodName::Isph, MethodName::DeltaSph
 pub fn validate(args: &ValidateArgs) -> Result<(), CliError> {
     let cases = chosen(&args.names)?;
     if args.list {
-        return list(&cases);
+        return list(&cases, args.quick);
     }
     for file in args.json.iter().chain(&args.docs) {
         if file.exists() && !args.force {
@@ -147,12 +147,16 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Shipped>, CliError> {
     Ok(CASES.iter().filter(|case| names.is_empty() || names.iter().any(|name| name == case.name)).collect())
 }
 
-fn list(cases: &[&'static Shipped]) -> Result<(), CliError> {
+fn list(cases: &[&'static Shipped], quick: bool) -> Result<(), CliError> {
     let width = cases.iter().map(|case| case.name.len()).max().unwrap_or(0);
     let mut lines = Vec::new();
     for case in cases {
         let bands = case.read()?;
-        let runs: Vec<String> = bands.run.iter().map(|run| format!("{}{}", run.name, if run.quick { " (quick)" } else { "" })).collect();
+        let runs: Vec<String> =
+            planned(&bands, quick).map(|run| format!("{}{}", run.name, if run.quick { " (quick)" } else { "" })).collect();
+        if runs.is_empty() {
+            continue;
+        }
         lines.push(format!("{:width$}  {}; runs: {}", case.name, bands.title, runs.join(", ")));
     }
     console::print(&lines.join("\n"))

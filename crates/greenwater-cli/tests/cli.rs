@@ -243,8 +243,13 @@ fn a_run_is_never_written_over_without_force() {
     let (code, error) = place.fails("run pool --out made");
     assert!(code == 2 && error.contains("--force"), "{error}");
     assert_eq!(place.contents("made"), before);
+    // What the user put there stays, and no frame of the old run does.
+    place.put("made/notes.txt", "mine");
+    place.put("made/frames/picture.png", "mine");
     place.ok("run pool --out made --steps 0 --force");
     assert_eq!(json(&place.read("made/summary.json"))["steps"], 0);
+    assert_eq!((place.read("made/notes.txt").as_str(), place.read("made/frames/picture.png").as_str()), ("mine", "mine"));
+    assert!(place.path("made/frames/frame-000000.vtp").exists() && !place.path("made/frames/frame-000001.vtp").exists());
     // Force replaces runs only.
     place.put("precious/thesis.txt", "years of work");
     let (code, error) = place.fails("run pool --out precious --force");

@@ -345,6 +345,8 @@ pub struct Measured {
     pub worst_volume_error: Option<f64>,
     /// Particles that left the tank.
     pub lost_particles: Option<u64>,
+    /// Whether something does work on the fluid.
+    pub driven: bool,
     /// Energy at start and end, and its highest rise.
     pub energy: Option<EnergyBudget>,
     /// Unit of the energies.
@@ -374,7 +376,8 @@ impl Measured {
         let residual_height = run.front.against_time("residual_height");
         let column = |name| run.quality.numbers(name).iter().copied().filter(|v: &f64| v.is_finite());
         let early = || {
-            let end = end_time?;
+            // A run that stopped early may not have come that far.
+            let end = end_time.filter(|_| run.completed())?;
             let inside = |t: f64| t >= 0.25 * end && t <= 0.5 * end;
             let noise = run.quality.against_time("pressure_noise");
             median(noise.into_iter().filter(|p| inside(p[0])).map(|p| p[1]))
@@ -419,6 +422,7 @@ impl Measured {
             volume_error: summary.volume_error.or_else(|| column("volume_error").next_back()),
             worst_volume_error: column("volume_error").max_by(|a, b| a.abs().total_cmp(&b.abs())).or(summary.volume_error),
             lost_particles: summary.lost_particles.or_else(|| column("lost_particles").next_back().map(|n| n as u64)),
+            driven: run.provenance.driven,
             energy: EnergyBudget::of(run.energy.numbers("total")),
             energy_unit: run.energy.unit("total").to_owned(),
             leads: leads(&front, &residual_height, references),

@@ -286,7 +286,7 @@ impl<'a> Report<'a> {
         }
         let scales = |run: &Run| {
             let s = &run.provenance.scales;
-            [s.spacing, s.height, s.width, s.rest_density, s.gravity].map(|v| v.map(f64::to_bits))
+            [s.spacing, s.height, s.width, s.rest_density, s.viscosity, s.gravity].map(|v| v.map(f64::to_bits))
         };
         if self.runs.iter().any(|run| run.provenance.case != self.runs[0].provenance.case || scales(run) != scales(&self.runs[0])) {
             blocks.push(Block::Notice("These runs are of different cases or resolutions: compare their numbers with care.".into()));
@@ -515,8 +515,12 @@ impl<'a> Report<'a> {
                     plot.series.push(Series::line(name, k, points));
                 }
             }
-            let caption =
-                format!("Energies of {} over the total at the start. The total may fall (dissipation, impact) but must not rise.", m.name);
+            let rule = if m.driven {
+                "The total may fall (dissipation, impact); it rises where the work that is done on the fluid is more."
+            } else {
+                "The total may fall (dissipation, impact) but must not rise."
+            };
+            let caption = format!("Energies of {} over the total at the start. {rule}", m.name);
             figures.push(Figure { name: format!("energy-{}", file_name(&m.name)), svg: plot.svg(), caption });
         }
         if figures.is_empty() {

@@ -53,6 +53,8 @@ pub struct Provenance {
     pub distinctions: Vec<Distinction>,
     /// Scales of the case.
     pub scales: Scales,
+    /// Whether something does work on the fluid: walls that move, or gravity along an axis that repeats.
+    pub driven: bool,
     /// What to compare, and with what.
     pub compare: Compare,
     /// The pressure probes.
@@ -111,6 +113,8 @@ pub struct Distinction {
 pub struct Scales {
     /// Density at rest, kg/m³.
     pub rest_density: Option<f64>,
+    /// Dynamic viscosity, Pa s.
+    pub viscosity: Option<f64>,
     /// Magnitude of gravity, m/s².
     pub gravity: Option<f64>,
     /// Direction against gravity as an axis (0, 1, 2); absent: y in 2D, z in 3D.
@@ -448,7 +452,7 @@ pub struct Run {
     pub energy: Table,
     /// `front.csv`
     pub front: Table,
-    /// `probes.csv`
+    /// `probes.csv`; empty where the case has no probe.
     pub probes: Table,
     /// `gauges.csv`; empty where the case has no gauge.
     pub gauges: Table,
@@ -475,9 +479,12 @@ impl Run {
         let summary = read_json(&dir.join("summary.json"), &mut notes).unwrap_or_default();
         let frames = read_index(&dir.join("frames"), &mut notes);
         let mut table = |name: &str| read_table(&dir.join(name), &mut notes);
-        let [energy, front, probes, quality, steps] = ["energy.csv", "front.csv", "probes.csv", "quality.csv", "steps.csv"].map(&mut table);
-        let mut asked = |name: &str| if dir.join(name).exists() { read_table(&dir.join(name), &mut notes) } else { Table::default() };
-        let [gauges, loads] = ["gauges.csv", "loads.csv"].map(&mut asked);
+        let [energy, front, quality, steps] = ["energy.csv", "front.csv", "quality.csv", "steps.csv"].map(&mut table);
+        let mut asked = |name: &str, expected: bool| {
+            if expected || dir.join(name).exists() { read_table(&dir.join(name), &mut notes) } else { Table::default() }
+        };
+        let probes = asked("probes.csv", !provenance.probes.is_empty());
+        let [gauges, loads] = ["gauges.csv", "loads.csv"].map(|name| asked(name, false));
         let label = if provenance.method.is_empty() { folder_name(dir) } else { provenance.method.clone() };
         Ok(Self {
             dir: dir.to_owned(),

@@ -285,7 +285,11 @@ fn peaks(methods: &[Measured]) -> Option<Finding> {
         _ => {
             let (name, peak) =
                 methods.iter().flat_map(|m| &m.probes).map(|p| (p.name.as_str(), p.peak)).max_by(|a, b| a.1.value.total_cmp(&b.1.value))?;
-            format!("The highest wall pressure is {} Pa, at {name} at {} s", number(peak.value), number(peak.time))
+            if peak.value == 0.0 {
+                "No probe felt any pressure".into()
+            } else {
+                format!("The highest wall pressure is {} Pa, at {name} at {} s", number(peak.value), number(peak.time))
+            }
         }
     };
     Some(Finding { headline, detail })
@@ -341,6 +345,11 @@ fn energy(methods: &[Measured]) -> Option<Finding> {
         .collect();
     let detail = if rising.is_empty() {
         "The total energy never rises more than 1 % above its start.".into()
+    } else if methods.iter().any(|m| m.driven) {
+        format!(
+            "The total energy rises above its start, since walls that move, or gravity along a repeating axis, do work on the fluid: {}.",
+            join(&rising)
+        )
     } else {
         format!("The total energy rises above its start, which no passive flow does: {}.", join(&rising))
     };

@@ -53,7 +53,7 @@ pub fn within_reach<const D: usize>(motions: &[Motion<D>], t: f64, dt: f64, h: f
     // Twenty times a half is a millionth: walls faster than that fail the checks of a state, not this one.
     let steps = (0..20).map(|i| dt / f64::from(1 << i));
     let fastest = |dt: f64| {
-        let speeds = motions.iter().flat_map(|motion| (0..=4).map(move |i| motion.at(t + 0.25 * f64::from(i) * dt).norm()));
+        let speeds = motions.iter().flat_map(|motion| (0..=16).map(move |i| motion.at(t + f64::from(i) / 16.0 * dt).norm()));
         speeds.fold(0.0, f64::max)
     };
     steps.clone().find(|&dt| fastest(dt) * dt <= 0.5 * h).or(steps.last()).unwrap_or(dt)

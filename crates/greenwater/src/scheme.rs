@@ -133,10 +133,16 @@ pub enum StepError {
     },
     /// All fluid has left the domain.
     #[error(
-        "position of every fluid particle is outside the domain; the method is unstable here: try a smaller `time.courant` or `time.step`, \
-         or a larger `domain`"
+        "position of every fluid particle is outside the domain: where the fluid falls or flies away, a larger `domain` or walls keep it; where \
+         the method is unstable, a smaller `time.courant`"
     )]
     Empty,
+    /// No fluid particle is at a free surface, and the method needs one.
+    #[error(
+        "pressure equation: no fluid particle is at a free surface, and without one the equation of this method has no solution; `isph`, and \
+         `isph-shift` for a full domain, solve it up to a constant"
+    )]
+    NoSurface,
 }
 
 impl StepError {
@@ -144,7 +150,7 @@ impl StepError {
     pub fn field(&self) -> &'static str {
         match self {
             Self::Search(_) | Self::Empty => "position",
-            Self::Pressure(_) => "pressure",
+            Self::Pressure(_) | Self::NoSurface => "pressure",
             Self::NotFinite { field, .. } => field,
             Self::Runaway { .. } => "velocity",
         }
@@ -154,7 +160,7 @@ impl StepError {
     pub fn particle(&self) -> Option<u32> {
         match self {
             Self::NotFinite { particle, .. } | Self::Runaway { particle, .. } => Some(*particle),
-            Self::Search(_) | Self::Pressure(_) | Self::Empty => None,
+            Self::Search(_) | Self::Pressure(_) | Self::Empty | Self::NoSurface => None,
         }
     }
 }

@@ -14,6 +14,9 @@ use crate::scheme::{Medium, Scheme, StepError, StepReport};
 use crate::sweep::largest;
 use crate::time::{Phases, StepLimit};
 
+/// Steps in which a run reaches its end at the least.
+pub(crate) const FEWEST_STEPS: f64 = 20.0;
+
 /// Why a run ended early.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -69,6 +72,8 @@ pub struct Simulation<const D: usize> {
     fixed_step: Option<f64>,
     speed_limit: f64,
     motions: Vec<Motion<D>>,
+    /// No step is longer, s.
+    longest_step: f64,
     step: u64,
     time: f64,
     /// Time at the start of the last step, s.
@@ -112,6 +117,7 @@ impl<const D: usize> Simulation<D> {
             // Ten times what falling through the whole domain gives: jets reach two or three times that, no more.
             speed_limit: if fall + initial_speed > 0.0 { 10.0 * (fall + initial_speed) } else { f64::INFINITY },
             motions: Vec::new(),
+            longest_step: f64::INFINITY,
             step: 0,
             time: 0.0,
             time_before: 0.0,
@@ -195,7 +201,7 @@ impl<const D: usize> Simulation<D> {
 
     /// The step that the method allows, and the walls that move.
     fn stable_step(&self) -> StepLimit {
-        let limit = self.scheme.time_step(&self.particles);
+        let limit = self.scheme.time_step(&self.particles).min(StepLimit::new(self.longest_step, "end"));
         if self.motions.is_empty() {
             return limit;
         }
@@ -212,6 +218,8 @@ impl<const D: usize> Simulation<D> {
     pub fn run(&mut self, stop: Stop, observers: &mut [&mut dyn Observer<D>]) -> Result<(), RunError> {
         let looks_back = self.scheme.looks_back();
         let mut shown = Shown { step: 0, time: 0.0, limit: None, report: StepReport::default(), clock: Instant::now() };
+        // Where nothing moves and nothing pushes, a method sees no reason to look at the fluid again.
+        self.longest_step = stop.end / FEWEST_STEPS;
         // The step that led to the state at its end.
         let mut led = (None, StepReport::default());
         self.start()?;

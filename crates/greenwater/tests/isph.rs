@@ -6,10 +6,11 @@ use greenwater::case::{AnySetup, Case};
 use greenwater::domain::Domain;
 use greenwater::kernel::WendlandC2;
 use greenwater::math::Vector;
+use greenwater::observe::{Observer, View};
 use greenwater::particles::{Kind, Particle, Particles};
 use greenwater::scheme::isph::FreeSurface;
 use greenwater::scheme::{Isph, IsphSettings, Medium, Preset};
-use greenwater::simulation::Simulation;
+use greenwater::simulation::{Simulation, Stop};
 
 const SPACING: f64 = 0.1;
 
@@ -413,6 +414,58 @@ end = 2.0
     assert!(longest <= 0.5 * h, "{longest} s of 1 m/s, h {h} m");
 }
 
+/// What observers see of a block in free fall: height and velocity of its centre, and the steps that led there.
+#[derive(Default)]
+struct Fall {
+    seen: Vec<(u64, f64)>,
+    centre: Vec<[f64; 2]>,
+    steps: Vec<f64>,
+    finished: Option<(u64, f64)>,
+}
+
+impl Observer<2> for Fall {
+    fn observe(&mut self, view: &View<2>) -> std::io::Result<()> {
+        let p = view.particles;
+        let mean = |value: fn(&Particles<2>, usize) -> f64| fluid(p).map(|a| value(p, a)).sum::<f64>() / p.count(Kind::Fluid) as f64;
+        self.seen.push((view.step, view.time));
+        self.centre.push([mean(|p, a| p.x[a][1]), mean(|p, a| p.v[a][1])]);
+        self.steps.extend(view.limit.map(|limit| limit.dt));
+        Ok(())
+    }
+
+    fn finish(&mut self, view: &View<2>) -> std::io::Result<()> {
+        self.finished = Some((view.step, view.time));
+        Ok(())
+    }
+}
+
+/// Velocities stand half a step before positions, and pressure belongs to the positions before a step. Observers see all of one time: a block
+/// that falls is where and as fast as it has to be, whatever the steps, and each state is seen once. 1e-12: round-off of some ten steps.
+#[test]
+fn observers_see_all_fields_at_one_time() {
+    let mut p = Particles::new();
+    for i in 0..100 {
+        p.push(i, at([i64::from(i) % 10, i64::from(i) / 10], 0));
+    }
+    let mut run = simulation(p, settings(1e-6), &medium(9.81, 0.0));
+    let mut fall = Fall::default();
+    run.run(Stop { end: 0.2, steps: None }, &mut [&mut fall]).unwrap();
+    let start = fall.centre[0][0];
+    for (k, (&(step, t), [y, v])) in fall.seen.iter().zip(&fall.centre).enumerate() {
+        assert_eq!(step, k as u64);
+        assert!((t - fall.steps[..k].iter().sum::<f64>()).abs() < 1e-12, "the steps that led to t = {t} s");
+        assert!((y - (start - 0.5 * 9.81 * t * t)).abs() < 1e-12 && (v + 9.81 * t).abs() < 1e-12, "{y} m, {v} m/s at {t} s");
+    }
+    assert!(fall.seen.len() > 5 && fall.seen[0] == (0, 0.0));
+    assert!(fall.finished == fall.seen.last().copied() && fall.seen[fall.seen.len() - 2].1 < 0.2 && fall.finished.unwrap().1 >= 0.2);
+    // A run of no steps shows the start.
+    let mut p = Particles::new();
+    p.push(0, at([0, 0], 0));
+    let mut none = Fall::default();
+    simulation(p, settings(1e-6), &medium(9.81, 0.0)).run(Stop { end: 0.2, steps: Some(0) }, &mut [&mut none]).unwrap();
+    assert_eq!((none.seen, none.finished), (vec![(0, 0.0)], Some((0, 0.0))));
+}
+
 /// Vortices in a box that repeats both ways, from a lattice that they tear: no particle comes to a surface, for there is no place for
 /// one, and the energy decays as it does without looking for one.
 #[test]
@@ -454,4 +507,39 @@ fn a_case_may_name_it() {
     run.start().unwrap();
     let (_, report) = run.advance().unwrap();
     assert!(report.iterations.unwrap() > 0);
+}
+
+/// Walls on a floor that repeats: images of walls come and go as the fluid moves, and have their normals all the same.
+#[test]
+fn walls_of_a_box_that_repeats_keep_their_normals() {
+    let text = r#"format = 1
+title = "Column on a floor that repeats"
+dimension = 2
+[fluid]
+spacing = 0.05
+shapes = [{ box = { min = [0.0, 0.0], max = [0.5, 0.5] } }]
+[walls]
+shapes = [{ box = { min = [0.0, -0.15], max = [1.0, 0.0] } }]
+[domain]
+periodic = ["x"]
+min = [0.0, -0.5]
+max = [1.0, 2.0]
+[time]
+end = 1.0
+"#;
+    for sets in [["method.name=\"isph-paper\"", ""], ["method.name=\"wcsph\"", "method.wall_force=\"monaghan2005\""]] {
+        let sets: Vec<(String, String)> =
+            sets.iter().filter_map(|set| set.split_once('=')).map(|(key, value)| (key.to_owned(), value.to_owned())).collect();
+        let case = Case::parse("floor.toml", text.to_owned(), None, &sets).unwrap();
+        let AnySetup::D2(setup) = case.checked().unwrap() else { panic!("a case in two dimensions") };
+        let mut run = setup.simulation().unwrap();
+        run.start().unwrap();
+        let images = run.particles().len() - run.particles().owned();
+        // Until there are others, in 0.5 s at the most: what falls spreads over half the floor by then.
+        while run.particles().len() - run.particles().owned() == images && run.time() < 0.5 {
+            run.advance().unwrap();
+        }
+        assert_ne!(run.particles().len() - run.particles().owned(), images);
+        assert!(run.particles().count(Kind::Fluid) == 100);
+    }
 }

@@ -3,6 +3,8 @@
 use serde::Serialize;
 
 use super::setup::Setup;
+use super::shape::AXES;
+use crate::domain::Domain;
 use crate::kernel::KernelName;
 use crate::neighbors::{Neighbors, Search};
 use crate::particles::{Kind, Particles};
@@ -42,14 +44,17 @@ impl<const D: usize> Setup<D> {
     /// Looks at distances, volumes and walls of the initial particles.
     pub fn audit(&self) -> Audit {
         let (dx, p) = (self.spacing, &self.particles);
-        let Around { closest, fluid_to_wall, thin } = look_around(p, dx, self.kernel.radius() * self.smoothing_length);
+        let Around { closest, fluid_to_wall, thin } = look_around(p, self.domain(), dx, self.kernel.radius() * self.smoothing_length);
         let fluid_mass: f64 = (0..p.owned()).filter(|&a| p.is_fluid(a)).map(|a| p.mass[a]).sum();
         let mut warnings = Vec::new();
         let layers = (0..p.owned()).map(|a| p.layer[a]).max().unwrap_or(0);
         let missing = missing_behind_walls::<D>(self.kernel, self.smoothing_length, dx, layers);
-        if layers == 0 {
-            warnings.push("there are no walls: the fluid falls freely".to_owned());
-        } else if missing > 0.01 {
+        let held = (0..D).all(|d| self.gravity[d] == 0.0 || self.bounds.periodic[d]);
+        if layers == 0 && !held {
+            warnings.push("there are no walls: the fluid falls freely, and what leaves `domain` is lost".to_owned());
+        } else if layers == 0 && self.speed > 0.0 && self.bounds.periodic.contains(&false) {
+            warnings.push("there are no walls: what leaves `domain` is lost".to_owned());
+        } else if layers > 0 && missing > 0.01 {
             warnings.push(format!(
                 "the kernel reaches beyond the {layers} line(s) of the walls, where fluid at a wall misses {:.1} % of its neighbours' weight; \
                  more `walls.layers` help",
@@ -62,6 +67,16 @@ impl<const D: usize> Setup<D> {
                  smaller `fluid.spacing` helps",
                 self.kernel.radius() * self.smoothing_length / dx
             ));
+        }
+        for d in (0..D).filter(|&d| self.bounds.periodic[d]) {
+            let spacings = (self.bounds.max[d] - self.bounds.min[d]) / dx;
+            if (spacings - spacings.round()).abs() > 0.05 {
+                let axis = AXES[d];
+                warnings.push(format!(
+                    "the domain repeats along {axis} every {spacings:.2} spacings: rows of a lattice meet their images too close or too far; a \
+                     whole number of spacings helps"
+                ));
+            }
         }
         if closest < 0.5 * dx {
             warnings.push(format!("two particles are only {:.3} spacings apart: expect a violent start", closest / dx));
@@ -95,9 +110,12 @@ struct Around {
 
 /// Looks at the neighbours of each particle. Lines of a wall are counted from its faces, so that one with lines up to `n` is up to `2n` spacings thick;
 /// what is thinner than `reach`, m, and than the thickest wall of all is thin.
-fn look_around<const D: usize>(p: &Particles<D>, dx: f64, reach: f64) -> Around {
+fn look_around<const D: usize>(p: &Particles<D>, mut domain: Domain<D>, dx: f64, reach: f64) -> Around {
     let mut wide = p.clone();
     wide.h.fill(0.5 * REACH * dx);
+    // Images across seams are neighbours, too.
+    domain.refresh(&mut wide, REACH * dx);
+    let p = &wide;
     let mut near = Neighbors::new();
     let mut around = Around { closest: f64::INFINITY, fluid_to_wall: f64::INFINITY, thin: None };
     // Positions of a setup are finite, which is all that a search asks for.

@@ -191,8 +191,9 @@ pub enum CaseError {
     },
     /// The case is too large for what it may use.
     #[error(
-        "{place}: the case needs about {needed:.3e} {unit} ({particles:.3e} particles), but `{key}` allows {limit:.3e} {unit}; \
-         choose a larger `fluid.spacing` or raise `{key}`"
+        "{place}: the case needs about {} {unit} ({} particles), but `{key}` allows {} {unit}; \
+         choose a larger `fluid.spacing` or raise `{key}`",
+        plain(*needed), plain(*particles), plain(*limit)
     )]
     OverLimit {
         /// The case.
@@ -260,5 +261,14 @@ impl Choices {
     /// `, did you mean ...?`, or nothing.
     pub(super) fn hint(&self) -> String {
         self.nearest.as_ref().map(|name| format!(", did you mean `{name}`?")).unwrap_or_default()
+    }
+}
+
+/// `value` as a person writes it: three or more digits, powers of ten from a million on.
+fn plain(value: f64) -> String {
+    match value.abs() {
+        size if size >= 1e6 => format!("{value:.3e}"),
+        size if size >= 100.0 || value.fract() == 0.0 => format!("{value:.0}"),
+        _ => format!("{value:.3}"),
     }
 }

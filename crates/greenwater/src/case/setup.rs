@@ -22,7 +22,7 @@ use crate::observe::{Gauge, Load, Sensor};
 use crate::particles::{Kind, Particle, Particles, field_table};
 use crate::poisson::SolveError;
 use crate::scheme::{Medium, MethodName, MethodSettings, Preset, Still};
-use crate::simulation::Simulation;
+use crate::simulation::{FEWEST_STEPS, Simulation};
 
 /// A checked case in `D` dimensions: what runs. SI units; in 2D everything is per metre of depth.
 #[derive(Clone, Debug, PartialEq)]
@@ -263,10 +263,20 @@ impl<const D: usize> Setup<D> {
         let fastest = bodies.rows.iter().map(|row| row.particle.v.norm()).fold(0.0, f64::max);
         let fastest = motions.iter().map(|motion| motion.fastest(s.time.end)).fold(fastest, f64::max);
         let speed = fastest.max(2.0 * (g * depth).sqrt());
+        let rule = "other than zero where nothing moves either: the speed of sound of `wcsph` follows from the speeds of the case";
+        source.rule(speed > 0.0 || method.method() != MethodName::Wcsph, "gravity.acceleration", "zero", rule)?;
         let pressure_written = s.fluid.pressure.is_some() || s.fluid.initial_pressure == InitialPressure::Zero;
         method.resolve(&Still { g, depth, floor, speed, spacing: dx, from_file: s.fluid.from_file.is_some(), pressure_written });
         let fluid_volume = bodies.rows.iter().filter(is_fluid).map(|row| row.particle.mass / row.particle.density).sum();
         let particles = bodies.into_particles(source)?;
+        let (widest, most) = (particles.h_max(), 5.0 * dx);
+        let rule = format!("a table whose h is at most 5 spacings, {most} m: neighbours are counted from it");
+        source.rule(
+            s.fluid.from_file.is_none() || widest <= most * (1.0 + 1e-9),
+            "fluid.from_file",
+            format!("a table with h = {widest} m"),
+            rule,
+        )?;
 
         let bounds = bounds(s, kernel.radius(), &particles, fluid_box, (up, &motions), source)?;
         let medium = Medium {
@@ -293,10 +303,14 @@ impl<const D: usize> Setup<D> {
         let compare = compare_plan::<D>(s, source)?;
         let output = output_plan(s, &compare, source)?;
 
-        let time_step = s.time.step.or_else(|| {
-            let speed = (2.0 * (g * depth).sqrt()).max(fastest) + method.sound_speed(g, depth, fastest);
-            (speed > 0.0).then(|| s.time.courant * h / speed)
-        });
+        let flow = (2.0 * (g * depth).sqrt()).max(fastest);
+        let sound = flow + method.sound_speed(g, depth, fastest);
+        let viscous = 0.5 * s.time.courant * h * h * density / s.fluid.viscosity;
+        let slowest = if method.sound_step().is_some() { flow } else { sound };
+        let limit = (s.time.courant * h / slowest).min(viscous).min(s.time.end / FEWEST_STEPS);
+        let time_step = s.time.step.or_else(|| limit.is_finite().then_some(limit));
+        // Sound steps within one of the flow.
+        let sound_steps = method.sound_step().zip(time_step).map_or(1.0, |(share, step)| (step * sound / (share * h)).ceil().max(1.0));
         let steps = time_step.map(|step| (s.time.end / step).ceil().min(s.time.max_steps.unwrap_or(u64::MAX) as f64));
         let samples = if output.sample_interval > 0.0 { s.time.end / output.sample_interval } else { steps.unwrap_or(0.0) };
         let count = particles.owned() as f64;
@@ -307,7 +321,7 @@ impl<const D: usize> Setup<D> {
             memory_bytes: limits.memory_of(count),
             time_step,
             steps,
-            seconds: steps.map(|steps| steps * count * limits.neighbours * method.step_cost()),
+            seconds: steps.map(|steps| steps * sound_steps * count * limits.neighbours * method.step_cost()),
             disk_bytes: output.frame_times.len() as f64 * count * bytes_of_frame_row::<D>(&output) + samples * BYTES_PER_SAMPLE,
         };
 

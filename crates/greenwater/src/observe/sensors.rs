@@ -301,15 +301,50 @@ impl<'a, const D: usize> Column<'a, D> {
     /// Share of the space at the height `at` (m) that fluid fills, of what walls leave; 0 inside walls.
     fn filled(&self, at: f64) -> f64 {
         let (x, reach) = (self.foot + at * self.up, reach(self.medium));
-        let (mut fluid, mut wall) = (0.0, 0.0);
+        let mut around = Around::default();
         for &a in &self.near {
             let away = self.periods.nearest(self.p.x[a] - x);
             if away.norm_squared() < reach * reach {
-                *if self.p.is_fluid(a) { &mut fluid } else { &mut wall } += share(self.p, self.medium, a, away);
+                let share = share(self.p, self.medium, a, away);
+                around.add(self.p.is_fluid(a), share, share, away.norm_squared());
             }
         }
-        // In a corner walls fill three quarters of the space (seven eighths in 3D); more is inside a wall.
-        if wall > 0.9 { 0.0 } else { fluid / (1.0 - wall) }
+        around.of_what_walls_leave()
+    }
+}
+
+/// What a point sees of fluid and walls.
+struct Around {
+    fluid: f64,
+    wall: f64,
+    /// Squares of the distances of the nearest of both, m².
+    fluid_at: f64,
+    wall_at: f64,
+}
+
+impl Default for Around {
+    fn default() -> Self {
+        Self { fluid: 0.0, wall: 0.0, fluid_at: f64::INFINITY, wall_at: f64::INFINITY }
+    }
+}
+
+impl Around {
+    /// Adds a neighbour that fills `share` of the space; one of the fluid counts with `weight`.
+    fn add(&mut self, is_fluid: bool, share: f64, weight: f64, away: f64) {
+        if is_fluid {
+            self.fluid += weight;
+            self.fluid_at = self.fluid_at.min(away);
+        } else {
+            self.wall += share;
+            self.wall_at = self.wall_at.min(away);
+        }
+    }
+
+    /// The sum over fluid, of the space that walls leave; 0 inside walls. Behind a flat wall walls fill more than half of the space; in a corner they
+    /// fill three quarters (seven eighths in 3D), but there fluid is nearer.
+    fn of_what_walls_leave(self) -> f64 {
+        let inside_wall = self.wall > 0.5 && self.wall_at < self.fluid_at || self.wall > 0.9;
+        if inside_wall { 0.0 } else { self.fluid / (1.0 - self.wall) }
     }
 }
 
@@ -324,20 +359,16 @@ fn flow<const D: usize>(p: &Particles<D>, medium: &Medium<D>, points: &[Vector<D
     };
     let near: Vec<usize> = (0..p.owned()).filter(|&a| p.kind[a] != Kind::Lost && is_near(p.x[a])).collect();
     let through = |&x: &Vector<D>| {
-        let (mut flow, mut wall) = (0.0, 0.0);
+        let mut around = Around::default();
         for &a in &near {
             let away = periods.nearest(p.x[a] - x);
             if away.norm_squared() >= reach * reach {
                 continue;
             }
             let share = share(p, medium, a, away);
-            if p.is_fluid(a) {
-                flow += share * p.v[a].dot(normal);
-            } else {
-                wall += share;
-            }
+            around.add(p.is_fluid(a), share, share * p.v[a].dot(normal), away.norm_squared());
         }
-        if wall > 0.9 { 0.0 } else { flow / (1.0 - wall) }
+        around.of_what_walls_leave()
     };
     points.iter().map(through).sum()
 }

@@ -6,12 +6,31 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+/// What a run writes beside its frames, but for what tells that it is a run; how it ended comes first.
+const WRITTEN: [&str; 15] = [
+    "DONE",
+    "FAILED.json",
+    "summary.json",
+    "status.json",
+    "energy.csv",
+    "front.csv",
+    "probes.csv",
+    "gauges.csv",
+    "loads.csv",
+    "quality.csv",
+    "steps.csv",
+    "log.txt",
+    "events.jsonl",
+    "case.toml",
+    "case.resolved.toml",
+];
+
 /// What happens to a run that is already there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// It stays, and is an error.
     Keep,
-    /// It is removed, if it is a run of this program; anything else is an error.
+    /// It is removed, if it is a run of this program; anything else is an error. Files that a run does not write stay.
     Replace,
 }
 
@@ -74,7 +93,7 @@ impl RunFolder {
         Self::check(path, existing)?;
         let io = |action| move |source| OutputError::Io { action, path: path.to_owned(), source };
         if is_run(path) {
-            fs::remove_dir_all(path).map_err(io("remove"))?;
+            remove_run(path).map_err(io("remove"))?;
         }
         fs::create_dir_all(path.join("frames")).map_err(io("create"))?;
         Ok(Self { path: path.to_owned() })
@@ -114,6 +133,28 @@ impl RunFolder {
     pub(super) fn error(&self, name: &str, source: io::Error) -> OutputError {
         OutputError::Io { action: "write", path: self.path.join(name), source }
     }
+}
+
+/// Removes what a run writes. What tells that it is a run goes last, so that a removal that was cut short can be taken up again.
+fn remove_run(path: &Path) -> io::Result<()> {
+    let frames = path.join("frames");
+    for entry in fs::read_dir(&frames).into_iter().flatten() {
+        let name = entry?.file_name();
+        let text = name.to_string_lossy();
+        if text.starts_with("frame-") || text == "frames.pvd" || text.ends_with(".part") {
+            fs::remove_file(frames.join(&name))?;
+        }
+    }
+    for name in WRITTEN.iter().chain(&["provenance.json"]) {
+        let file = path.join(name);
+        for file in [file.with_extension("part"), file] {
+            match fs::remove_file(file) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Whether `path` holds a run that this program wrote.

@@ -39,8 +39,10 @@ pub(super) fn provenance<const D: usize>(setup: &Setup<D>, command: &[String], s
         "time_step_rule": time_step_rule(setup),
         "departures": setup.method.departures(setup.viscosity, setup.kernel),
         "distinctions": setup.method.distinctions(),
+        "driven": driven(setup),
         "scales": {
             "rest_density": setup.rest_density,
+            "viscosity": setup.viscosity,
             "gravity": setup.gravity.norm(),
             "height": setup.depth,
             "width": setup.width,
@@ -66,6 +68,11 @@ fn time_step_rule<const D: usize>(setup: &Setup<D>) -> String {
         return rule;
     }
     format!("{rule}; walls that move go half of h in a step at most")
+}
+
+/// Whether something does work on the fluid: walls that move, or gravity along an axis that repeats.
+fn driven<const D: usize>(setup: &Setup<D>) -> bool {
+    !setup.motions.is_empty() || (0..D).any(|d| setup.bounds.periodic[d] && setup.gravity[d] != 0.0)
 }
 
 /// Corners of the smallest box around all particles, m.

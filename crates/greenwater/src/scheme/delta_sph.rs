@@ -102,7 +102,7 @@ impl Settings for DeltaSphSettings {
     /// A square lattice stays where it is under its own pressure, which at 1.5 it does not
     /// (`a_lattice_stays_under_its_own_pressure_at_two_spacings_and_not_at_one_and_a_half`).
     const SMOOTHING: f64 = 2.0;
-    const STEP_COST: f64 = 3e-9;
+    const STEP_COST: f64 = 5e-9;
 
     fn preset(preset: Preset) -> Self {
         Self::preset(preset)
@@ -198,6 +198,10 @@ impl Settings for DeltaSphSettings {
             "sums over neighbours are scaled by one number, so that the lattice of the start differentiates linear fields exactly"
                 .to_owned(),
         ]
+    }
+
+    fn sound_step(&self) -> Option<f64> {
+        (self.stepping == Stepping::Dual).then_some(self.acoustic_courant)
     }
 
     fn time_step_rule(&self, courant: f64) -> String {

@@ -90,7 +90,7 @@ impl EdacSettings {
 }
 
 impl Relative for EdacSettings {
-    const COST: f64 = 3e-9;
+    const COST: f64 = 5e-9;
     const WORK: &'static str = "five sums over neighbours, and two for each sound step";
 
     fn defaults(preset: Preset) -> Self {

@@ -287,6 +287,9 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
     fn search(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
         phases.measure("search", || {
             domain.refresh(p, self.kernel.radius() * p.h_max());
+            // Images come and go.
+            self.normals.resize(p.len(), Vector::ZERO);
+            domain.refresh_column(&mut self.normals);
             self.near.build(p, self.kernel.radius(), self.settings.search)
         })?;
         Ok(())
@@ -418,6 +421,9 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
         let owned = p.owned();
         self.solution.resize(owned, 0.0);
         sweep(&mut self.solution, |a| if carries_pressure(p, a) { p.pressure[a] } else { 0.0 });
+        if (0..p.owned()).all(|a| p.surface[a] == 0) {
+            return Err(StepError::NoSurface);
+        }
         let report = phases.measure("solver", || self.solver.solve(&self.matrix, &self.source, &mut self.solution))?;
         let (solution, parents) = (&self.solution, &self.parents);
         sweep(&mut p.pressure[..owned], |a| solution[parents[a] as usize]);

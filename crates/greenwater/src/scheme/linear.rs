@@ -87,7 +87,7 @@ impl RkpmSettings {
 }
 
 impl Relative for RkpmSettings {
-    const COST: f64 = 5e-7;
+    const COST: f64 = 8e-8;
     const WORK: &'static str = "five sums over neighbours, and four for each sound step";
 
     fn defaults(preset: Preset) -> Self {
@@ -216,7 +216,7 @@ impl MlsphSettings {
 }
 
 impl Relative for MlsphSettings {
-    const COST: f64 = 5e-7;
+    const COST: f64 = 8e-8;
     const WORK: &'static str = "five sums over neighbours, and four for each sound step";
 
     fn defaults(preset: Preset) -> Self {

@@ -161,6 +161,11 @@ impl MethodSettings {
         }
     }
 
+    /// Share of `h/(c + v)` that a sound step takes, dimensionless, where a step of the flow is made of them.
+    pub(crate) fn sound_step(&self) -> Option<f64> {
+        with_settings!(self, s => s.sound_step())
+    }
+
     /// Speed of sound, m/s, of fluid of depth `depth` (m) under gravity `g` (m/s²) whose fastest particle moves at `fastest`
     /// (m/s); 0 for an incompressible method.
     pub fn sound_speed(&self, g: f64, depth: f64, fastest: f64) -> f64 {

@@ -84,7 +84,7 @@ impl RiemannSettings {
 }
 
 impl Relative for RiemannSettings {
-    const COST: f64 = 3e-9;
+    const COST: f64 = 5e-9;
     const WORK: &'static str = "four sums over neighbours, and two for each sound step";
 
     fn defaults(preset: Preset) -> Self {

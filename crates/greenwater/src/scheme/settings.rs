@@ -83,7 +83,7 @@ pub(super) trait Settings: Serialize + DeserializeOwned + JsonSchema {
     const SMOOTHING: f64;
     /// Whether the method works with the kernel of the case. One that does not has weights of its own.
     const TAKES_KERNEL: bool = true;
-    /// Wall-clock time of a step for one particle and one of its neighbours, s, on one core: rounded from dam breaks of some
+    /// Wall-clock time of a step (of a [sound step](Self::sound_step), where there are some) for one particle and one of its neighbours, s, on one core: rounded from dam breaks of some
     /// thousand particles. Machines differ by a factor of two and more.
     const STEP_COST: f64;
 
@@ -107,6 +107,11 @@ pub(super) trait Settings: Serialize + DeserializeOwned + JsonSchema {
 
     /// How the time step is chosen.
     fn time_step_rule(&self, courant: f64) -> String;
+
+    /// Share of `h/(c + v)` that a sound step takes, where a step of the flow is made of them.
+    fn sound_step(&self) -> Option<f64> {
+        None
+    }
 
     /// Speed of sound, m/s; 0 for an incompressible method.
     fn sound_speed(&self, _g: f64, _depth: f64, _fastest: f64) -> f64 {

@@ -429,6 +429,11 @@ impl<K: Kernel<D>, const D: usize> Wcsph<K, D> {
     fn evaluate(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, phases: &mut Phases) -> Result<(), StepError> {
         phases.measure("search", || {
             domain.refresh(p, self.kernel.radius() * p.h_max());
+            if let WallForces::Normal(NormalForce { normals, .. }) = &mut self.walls {
+                // Images come and go.
+                normals.resize(p.len(), Vector::ZERO);
+                domain.refresh_column(normals);
+            }
             // Records are made anew after the search.
             self.near.list(p, self.kernel.radius(), self.settings.search, BehindWalls::Everyone, &mut self.sense.records)?;
             self.near.follow(p);

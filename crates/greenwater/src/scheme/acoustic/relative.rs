@@ -92,6 +92,10 @@ impl<T: Relative> Settings for T {
         self.own_departures()
     }
 
+    fn sound_step(&self) -> Option<f64> {
+        self.shared().sound_step()
+    }
+
     fn time_step_rule(&self, courant: f64) -> String {
         self.shared().time_step_rule(courant)
     }
