@@ -23,10 +23,10 @@ pub struct CaseArgs {
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = key_value)]
     pub set: Vec<(String, String)>,
     /// End of the run, s (time.end)
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub end: Option<f64>,
     /// Most steps to make; 0 writes the initial state only (time.max_steps)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub steps: Option<u64>,
 }
 
@@ -34,7 +34,7 @@ impl CaseArgs {
     /// Reads the case.
     pub fn load(&self) -> Result<Case, CliError> {
         let mut overrides = self.set.clone();
-        overrides.extend(self.end.map(|end| ("time.end".to_owned(), format!("{end:?}"))));
+        overrides.extend(self.end.map(|end| ("time.end".to_owned(), format!("{end:?}").to_lowercase())));
         overrides.extend(self.steps.map(|steps| ("time.max_steps".to_owned(), steps.to_string())));
         Ok(Case::load(&self.case, &overrides)?)
     }

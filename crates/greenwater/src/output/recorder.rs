@@ -485,9 +485,11 @@ impl<const D: usize> Observer<D> for Recorder<'_, D> {
 /// What `FAILED.json` says.
 fn failure_json(error: &RunError) -> Value {
     let mut value = json!({"format": 1, "error": error.to_string(), "exit_code": error.exit_code()});
-    if let RunError::Step { source, time, step } = error {
+    if let RunError::Step { time, step, .. } | RunError::Interrupted { time, step } = error {
         value["time"] = json!(time);
         value["step"] = json!(step);
+    }
+    if let RunError::Step { source, .. } = error {
         value["field"] = json!(source.field());
         if let Some(particle) = source.particle() {
             value["particle"] = json!(particle);

@@ -666,7 +666,8 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
         self.flow.dt_before = None;
         self.flow.lattice = Lattice::of(self.kernel, p.h_max(), self.flow.medium.spacing, self.flow.medium.rest_density);
         if domain.is_brimful(p, self.flow.medium.spacing, self.flow.medium.rest_density) {
-            self.flow.settings.free_surface = FreeSurface::None;
+            // As `isph-shift` does, and for its reasons.
+            (self.flow.settings.free_surface, self.flow.settings.velocity_iterations) = (FreeSurface::None, 0);
         }
         // Until it was looked at, fluid may have a surface anywhere.
         p.surface.fill(1);
