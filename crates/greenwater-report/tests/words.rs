@@ -72,6 +72,9 @@ fn what_is_missing_is_said_to_be_missing() {
 fn energy_that_appears_from_nowhere_is_pointed_out() {
     let [a, _] = twins("words-energy");
     let energy = Some(EnergyBudget { initial: 1.0, last: 1.2, max_rise: 0.25 });
+    let driven = findings(&[Measured { energy, driven: true, ..a.clone() }]);
+    let finding = driven.iter().find(|f| f.headline.contains("energy")).unwrap();
+    assert!(finding.detail.contains("do work on the fluid: wcsph by 25 %"), "{}", finding.detail);
     let all = findings(&[Measured { energy, ..a }]);
     let finding = all.iter().find(|f| f.headline.contains("energy")).unwrap();
     assert_eq!(finding.headline, "wcsph gains 20 % of its initial energy");

@@ -267,6 +267,32 @@ fn overrides_are_for_the_method_that_was_asked_for() {
     assert!(message.contains("unknown key `method.equation_of_state`"), "{message}");
 }
 
+/// Without walls: in a box that repeats all ways nothing leaves; under gravity fluid falls; a flow leaves the box. A lattice across a seam of 0.6
+/// spacings.
+#[test]
+fn what_leaves_and_what_does_not_fit_is_warned_of() {
+    let warned = |gravity: &str, velocity: &str, domain: &str| {
+        let text = format!(
+            "format = 1\ntitle = \"t\"\ndimension = 2\n[fluid]\nspacing = 0.1\nvelocity = {velocity}\nshapes = [{{ box = {{ min = [0.0, 0.0], max = [1.0, 1.0] }} }}]\n\
+             [gravity]\nacceleration = {gravity}\n[domain]\n{domain}\n[time]\nend = 1.0\n"
+        );
+        two_d(parse(&text).unwrap_or_else(|error| panic!("{error}"))).audit().warnings
+    };
+    let still = "[\"0\", \"0\"]";
+    let box_of = |x: &str| format!("periodic = [\"x\", \"y\"]\nmin = [0.0, 0.0]\nmax = [{x}, 1.0]");
+    assert_eq!(warned("[0.0, 0.0]", "[\"1\", \"0\"]", &box_of("1.0")), <[&str; 0]>::default());
+    assert!(warned("[0.0, 0.0]", still, &box_of("1.06"))[0].contains("repeats along x every 10.60 spacings"));
+    assert!(warned("[0.0, -9.81]", still, "")[0].contains("falls freely"));
+    assert!(warned("[0.0, 0.0]", "[\"1\", \"0\"]", "")[0].contains("what leaves `domain` is lost"));
+}
+
+#[test]
+fn a_speed_of_sound_of_nothing_is_refused() {
+    let text = GOOD.replace("[time]", "[gravity]\nacceleration = [0.0, 0.0]\n\n[method]\nname = \"wcsph\"\n\n[time]");
+    let message = parse(&text).unwrap_err().to_string();
+    assert!(message.contains("`gravity.acceleration` is zero, but must be other than zero where nothing moves"), "{message}");
+}
+
 #[test]
 fn bad_values_are_named_with_line_value_and_rule() {
     for (from, to, expected) in [

@@ -600,6 +600,26 @@ mod tests {
         }
     }
 
+    /// Water over a block that stands in it to 0.3 m, as over a floor: 0.7 m deep, and what flows across is what the water above carries.
+    /// A tenth of a spacing for the pieces of the line and the disorder, a quarter for the points of a line of flow, half a spacing apart; were what is
+    /// behind the face counted as water, it would add 0.7.
+    #[test]
+    fn gauges_end_at_the_face_of_a_submerged_wall() {
+        let mut p = tank::<2>();
+        for a in 0..p.owned() {
+            let x = p.x[a];
+            if p.kind[a] == Kind::Fluid && (0.3..0.7).contains(&x[0]) && x[1] < 0.3 {
+                let cell = x.0.map(|x| (x / DX).floor());
+                (p.kind[a], p.layer[a], p.v[a]) = (Kind::Wall, 1, Vector::ZERO);
+                p.x[a] = Vector(cell.map(|c| (c + 0.5) * DX));
+            }
+        }
+        let depth = gauge(GaugeKind::Depth(Vector([0.5, 0.5]))).value(&p, &medium());
+        assert!((depth - 0.7).abs() < 0.1 * DX, "{depth}");
+        let flow = Gauge::flow("q".into(), (Vector([0.5, 0.1]), Vector([0.5, 1.4])), DX, Periods::NONE).value(&p, &medium());
+        assert!((flow - 2.0 * 0.7).abs() < 2.0 * 0.25 * DX, "{flow}");
+    }
+
     /// The surface of the disordered block within a fifth of a spacing, also beside a wall; where it is dry, nothing.
     #[test]
     fn an_elevation_gauge_finds_the_surface() {
