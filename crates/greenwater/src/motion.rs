@@ -50,13 +50,12 @@ impl<const D: usize> Motion<D> {
 /// time `t` (s) on. A limit of a method looks at what moves now; walls that start later, and fluid at rest till then, it cannot
 /// see.
 pub fn within_reach<const D: usize>(motions: &[Motion<D>], t: f64, dt: f64, h: f64) -> f64 {
-    // Twenty times a half is a millionth: walls faster than that fail the checks of a state, not this one.
-    let steps = (0..20).map(|i| dt / f64::from(1 << i));
     let fastest = |dt: f64| {
         let speeds = motions.iter().flat_map(|motion| (0..=16).map(move |i| motion.at(t + f64::from(i) / 16.0 * dt).norm()));
         speeds.fold(0.0, f64::max)
     };
-    steps.clone().find(|&dt| fastest(dt) * dt <= 0.5 * h).or(steps.last()).unwrap_or(dt)
+    // A millionth at the least: walls that need less fail the checks of a state, not this one.
+    (0..20).map(|i| dt / f64::from(1 << i)).find(|&dt| fastest(dt) * dt <= 0.5 * h).unwrap_or(dt / f64::from(1 << 20))
 }
 
 /// Gives the wall rows of moving bodies their mean velocity and acceleration over the step from `t` to `t + dt`, s.
