@@ -421,7 +421,7 @@ impl<K: Kernel<D>, const D: usize> IsphPaper<K, D> {
         let owned = p.owned();
         self.solution.resize(owned, 0.0);
         sweep(&mut self.solution, |a| if carries_pressure(p, a) { p.pressure[a] } else { 0.0 });
-        if (0..p.owned()).all(|a| p.surface[a] == 0) {
+        if !(0..p.owned()).any(|a| p.is_fluid(a) && p.surface[a] != 0) {
             return Err(StepError::NoSurface);
         }
         let report = phases.measure("solver", || self.solver.solve(&self.matrix, &self.source, &mut self.solution))?;
