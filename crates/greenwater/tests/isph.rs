@@ -9,8 +9,8 @@ use greenwater::math::Vector;
 use greenwater::observe::{Observer, View};
 use greenwater::particles::{Kind, Particle, Particles};
 use greenwater::scheme::isph::FreeSurface;
-use greenwater::scheme::{Isph, IsphSettings, Medium, Preset};
-use greenwater::simulation::{Simulation, Stop};
+use greenwater::scheme::{Isph, IsphSettings, Medium, Preset, StepError};
+use greenwater::simulation::{RunError, Simulation, Stop};
 
 const SPACING: f64 = 0.1;
 
@@ -542,4 +542,46 @@ end = 1.0
         assert_ne!(run.particles().len() - run.particles().owned(), images);
         assert!(run.particles().count(Kind::Fluid) == 100);
     }
+}
+
+/// Fluid at rest that fills a box which repeats.
+fn box_at_rest(method: &str) -> Simulation<2> {
+    let text = format!(
+        r#"format = 1
+title = "Full box"
+dimension = 2
+[gravity]
+acceleration = [0.0, 0.0]
+[fluid]
+spacing = 0.05
+shapes = [{{ box = {{ min = [0.0, 0.0], max = [1.0, 1.0] }} }}]
+[domain]
+periodic = ["x", "y"]
+min = [0.0, 0.0]
+max = [1.0, 1.0]
+[method]
+name = "{method}"
+[time]
+end = 1.0
+"#
+    );
+    let case = Case::parse("full.toml", text, None, &[]).unwrap();
+    let AnySetup::D2(setup) = case.checked().unwrap() else { panic!("a case in two dimensions") };
+    setup.simulation().unwrap()
+}
+
+/// The paper's method has its level of pressure from the surface alone; without one its equation is singular, and says so.
+#[test]
+fn the_method_of_the_paper_names_a_missing_surface() {
+    let mut run = box_at_rest("isph-paper");
+    let error = run.run(Stop { end: 1.0, steps: None }, &mut []).unwrap_err();
+    assert!(matches!(error, RunError::Step { source: StepError::NoSurface, .. }), "{error}");
+}
+
+/// Where nothing moves and nothing pushes no method has a reason for short steps; a run has twenty all the same.
+#[test]
+fn fluid_at_rest_is_looked_at_twenty_times_in_a_run() {
+    let mut run = box_at_rest("isph");
+    run.run(Stop { end: 1.0, steps: None }, &mut []).unwrap();
+    assert!((20..=22).contains(&run.steps()), "{} steps", run.steps());
 }
