@@ -298,6 +298,11 @@ fn bad_values_are_named_with_line_value_and_rule() {
     for (from, to, expected) in [
         ("format = 1", "format = 2", "dam.toml:1: `format` is 2, but must be 1"),
         ("format = 1\n", "", "dam.toml: `format` is missing"),
+        (
+            "dimension = 2",
+            "dimension = 2\ngravity = [0.0, 0.0]",
+            "dam.toml:4: `gravity` has a value of the wrong type: list, expected a table, with keys such as `gravity.acceleration`",
+        ),
         ("dimension = 2", "dimension = 4", "dam.toml:3: `dimension` is 4, but must be 2 or 3"),
         ("spacing = 0.1", "spacing = -0.01", "dam.toml:6: `fluid.spacing` is -0.01, but must be > 0"),
         ("spacing = 0.1", "spacing = 0.0", "dam.toml:6: `fluid.spacing` is 0, but must be > 0"),

@@ -71,6 +71,13 @@ pub(super) fn meaning(path: &str) -> String {
     row.map(|row| if row.unit.is_empty() { row.text.clone() } else { format!("{} ({})", row.text, row.unit) }).unwrap_or_default()
 }
 
+/// The first key of the section `name`; none if it is no table of keys.
+pub(super) fn first_key(name: &str) -> Option<&'static str> {
+    // `shape` is the list's own word for any of the shapes.
+    let is_inside = |row: &&KeyRow| name != "shape" && row.key.strip_prefix(name).is_some_and(|rest| rest.starts_with('.'));
+    reference().iter().find(is_inside).map(|row| row.key.as_str())
+}
+
 fn section_rows(schema: &Value, prefix: &str, rows: &mut Vec<KeyRow>) {
     let Some(properties) = schema["properties"].as_object() else { return };
     for (name, property) in properties {

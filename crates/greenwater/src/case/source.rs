@@ -7,7 +7,7 @@ use toml::Value;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseError, Choices, Place};
-use super::reference::meaning;
+use super::reference::{first_key, meaning};
 use super::sections::Method;
 use crate::scheme::{MethodName, MethodSettings};
 
@@ -31,6 +31,7 @@ impl Source {
         for (key, text) in &self.overrides {
             set(&mut table, key, text)?;
         }
+        self.check_sections("", &table)?;
         self.check_finite("", &Value::Table(table.clone()))?;
         Ok(table)
     }
@@ -115,6 +116,21 @@ impl Source {
             }),
             _ => Ok(()),
         }
+    }
+
+    /// No section is a list: serde would take that for the values of its keys in their order.
+    fn check_sections(&self, path: &str, table: &toml::Table) -> Result<(), CaseError> {
+        table.iter().try_for_each(|(name, value)| {
+            let key = join(path, name);
+            match (value, first_key(&key)) {
+                (Value::Table(inner), _) => self.check_sections(&key, inner),
+                (Value::Array(_), Some(first)) => {
+                    let problem = format!("list, expected a table, with keys such as `{first}`");
+                    Err(CaseError::WrongType { place: self.place(&key), key, problem })
+                }
+                _ => Ok(()),
+            }
+        })
     }
 
     /// Says in the user's words what serde found wrong at `path`.
