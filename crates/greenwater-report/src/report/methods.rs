@@ -37,28 +37,32 @@ impl Report<'_> {
 
     pub(super) fn cost(&self) -> Vec<Block> {
         let mut blocks = Vec::new();
-        // Phases in order of what they cost all methods together.
-        let mut totals: Vec<(&str, f64)> = Vec::new();
-        for (name, seconds) in self.numbers.iter().flat_map(|m| &m.phases) {
-            match totals.iter_mut().find(|(known, _)| known == name) {
-                Some((_, total)) => *total += seconds,
-                None => totals.push((name, *seconds)),
+        // Phases in order of their greatest share in any method: by seconds, those of the slowest method would leave the others little but "other".
+        let mut phases: Vec<(&str, f64)> = Vec::new();
+        for m in &self.numbers {
+            let whole: f64 = m.phases.iter().map(|(_, seconds)| seconds).sum();
+            for (name, seconds) in &m.phases {
+                let share = seconds / whole;
+                match phases.iter_mut().find(|(known, _)| known == name) {
+                    Some((_, greatest)) => *greatest = greatest.max(share),
+                    None => phases.push((name, share)),
+                }
             }
         }
-        totals.sort_by(|a, b| b.1.total_cmp(&a.1));
+        phases.sort_by(|a, b| b.1.total_cmp(&a.1));
         let seconds_of = |m: &Measured, phase: &str| m.phases.iter().find(|(name, _)| name == phase).map(|(_, s)| *s);
         let rest_of = |m: &Measured| {
             let rest = m.wall_seconds? - m.phases.iter().map(|(_, s)| s).sum::<f64>();
             (rest > 0.0).then_some(rest)
         };
-        if totals.is_empty() {
+        if phases.is_empty() {
             blocks.push(Block::Notice("No run stored its cost by phase in summary.json.".into()));
         } else {
-            let shown = if totals.len() >= PALETTE.len() { PALETTE.len() - 1 } else { totals.len() };
+            let shown = if phases.len() >= PALETTE.len() { PALETTE.len() - 1 } else { phases.len() };
             let bars = self.numbers.iter().map(|m| {
                 let mut parts: Vec<(String, f64)> =
-                    totals[..shown].iter().map(|(name, _)| ((*name).to_owned(), seconds_of(m, name).unwrap_or(0.0))).collect();
-                let minor: f64 = totals[shown..].iter().filter_map(|(name, _)| seconds_of(m, name)).sum();
+                    phases[..shown].iter().map(|(name, _)| ((*name).to_owned(), seconds_of(m, name).unwrap_or(0.0))).collect();
+                let minor: f64 = phases[shown..].iter().filter_map(|(name, _)| seconds_of(m, name)).sum();
                 parts.push(("other".into(), minor + rest_of(m).unwrap_or(0.0)));
                 Bar { name: m.name.clone(), parts }
             });
@@ -67,7 +71,7 @@ impl Report<'_> {
             blocks.push(Block::Figure(Figure {
                 name: "cost".into(),
                 svg: chart.svg(),
-                caption: "Where the time goes. The number at the end of a bar is its sum in seconds; other: phases too small to show, and time outside any phase, output included.".into(),
+                caption: "Where the time goes. The number at the end of a bar is its sum in seconds; other: phases that are small in every method, and time outside any phase, output included.".into(),
             }));
         }
         let cell = |m: &Measured, seconds: Option<f64>| {
@@ -76,8 +80,8 @@ impl Report<'_> {
             let each = m.per_particle_step(seconds).map_or(String::new(), |us| format!(" \u{b7} {} \u{b5}s", number(us)));
             format!("{} s{share}{each}", number(seconds))
         };
-        let mut rows: Vec<Vec<String>> = totals.iter().map(|(phase, _)| self.row(phase, |m| cell(m, seconds_of(m, phase)))).collect();
-        if !totals.is_empty() {
+        let mut rows: Vec<Vec<String>> = phases.iter().map(|(phase, _)| self.row(phase, |m| cell(m, seconds_of(m, phase)))).collect();
+        if !phases.is_empty() {
             rows.push(self.row("not in a phase", |m| cell(m, rest_of(m))));
         }
         rows.push(self.row("whole run", |m| cell(m, m.wall_seconds)));
