@@ -165,6 +165,14 @@ impl Slices {
         self.ends.push(self.entries() as u32);
     }
 
+    /// Room for so many entries.
+    pub fn reserve(&mut self, entries: usize) {
+        match &mut self.columns {
+            Columns::Near(_, columns) => columns.reserve_exact(entries),
+            Columns::Far(columns) => columns.reserve_exact(entries),
+        }
+    }
+
     /// Gives back room for more than so many entries.
     pub fn shrink_to(&mut self, entries: usize) {
         match &mut self.columns {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::lanes::singles::{Singles, WIDE};
-use crate::lanes::{InstructionSet, Job, LANES, Lanes, Listed, Octets, Record, Totals, dispatch};
+use crate::lanes::{InstructionSet, Job, LANES, Lanes, Listed, Octets, Record, Totals, dispatch, keep};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 use crate::sweep::{BLOCK, replace, sweep, trim};
@@ -60,6 +60,8 @@ pub struct Neighbors<const D: usize> {
     segments: Vec<Segment>,
     /// The row behind all particles.
     nobody: u32,
+    /// Pairs found.
+    pairs: usize,
     grid: Grid<D>,
     /// What the grid sorts into.
     room: Vec<Record>,
@@ -89,6 +91,27 @@ impl Segment {
     fn range(&self, i: usize) -> std::ops::Range<usize> {
         let start = if i == 0 { 0 } else { (self.ends[i - 1] as usize).next_multiple_of(LANES) };
         start..self.ends[i] as usize
+    }
+}
+
+impl Segment {
+    /// Keeps the neighbours of those particles of the segment that `keeps`, and their `values`.
+    fn keep<T: Copy>(&mut self, values: &mut Vec<T>, keeps: impl Fn(usize) -> bool) {
+        let whole = |i| self.range(i).start..(self.ends[i] as usize).next_multiple_of(LANES);
+        let kept: Vec<_> = (0..self.ends.len()).filter(|&i| keeps(i)).map(whole).collect();
+        self.list.keep(&kept);
+        keep(values, &kept);
+        let (mut start, mut length) = (0, 0);
+        for (i, end) in self.ends.iter_mut().enumerate() {
+            let more = *end as usize - start;
+            start = (*end as usize).next_multiple_of(LANES);
+            if keeps(i) {
+                *end = (length + more) as u32;
+                length = (*end as usize).next_multiple_of(LANES);
+            } else {
+                *end = length as u32;
+            }
+        }
     }
 }
 
@@ -159,15 +182,6 @@ pub struct PairColumn<T = f64> {
 }
 
 impl<T> PairColumn<T> {
-    /// Gives back the room of all blocks of rows but those with one of the `owned` rows that `keeps`: no other row has values from here on.
-    pub(crate) fn keep(&mut self, owned: usize, keeps: impl Fn(usize) -> bool) {
-        for (block, values) in self.segments.iter_mut().enumerate() {
-            if !(block * BLOCK..owned.min((block + 1) * BLOCK)).any(&keeps) {
-                *values = Vec::new();
-            }
-        }
-    }
-
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.segments.iter().map(|segment| size_of::<T>() * segment.capacity()).sum()
@@ -223,6 +237,7 @@ impl<const D: usize> Neighbors<D> {
             dispatch(set, Listing { p, sorted, support, behind, nobody, first: block * BLOCK, candidates, segment });
         });
         self.grid = grid;
+        self.pairs = self.segments.iter().flat_map(|segment| (0..segment.ends.len()).map(|i| segment.range(i).len())).sum();
         Ok(())
     }
 
@@ -250,6 +265,18 @@ impl<const D: usize> Neighbors<D> {
     /// Lets go of the positions: those who look on have them elsewhere.
     pub(crate) fn let_go(&mut self) {
         (self.x, self.h) = (Vec::new(), Vec::new());
+    }
+
+    /// Gives back the room of all rows but those that `keeps`, here and in a `column`: until the next search others have no neighbours any more.
+    /// Until this is `thorough`, blocks of rows in which one is kept are kept whole, which costs less.
+    pub(crate) fn keep<T: Copy + Send>(&mut self, column: &mut PairColumn<T>, thorough: bool, keeps: impl Fn(usize) -> bool + Sync) {
+        let blocks = self.segments.par_iter_mut().zip(&mut column.segments).enumerate();
+        blocks.for_each(|(block, (segment, values))| {
+            let rows = block * BLOCK..block * BLOCK + segment.ends.len();
+            if !values.is_empty() && (thorough || !rows.clone().any(&keeps)) {
+                segment.keep(values, |i| keeps(rows.start + i));
+            }
+        });
     }
 
     /// Positions of all particles, m, as they were at the build.
@@ -422,9 +449,9 @@ impl<const D: usize> Neighbors<D> {
         self.h[a]
     }
 
-    /// Number of pairs, each counted from both sides (ghosts have no neighbours of their own).
+    /// Number of pairs that the search found, each counted from both sides (ghosts have no neighbours of their own).
     pub fn pairs(&self) -> usize {
-        self.segments.iter().flat_map(|segment| (0..segment.ends.len()).map(|i| segment.range(i).len())).sum()
+        self.pairs
     }
 
     /// Memory held, bytes.
@@ -872,6 +899,37 @@ mod tests {
             assert_eq!(sorted(&near, 600), expected, "{search:?}");
             assert!(near.pairs() < all.pairs());
         }
+    }
+
+    #[test]
+    fn rows_that_are_kept_have_their_neighbours_and_values_and_others_give_back_their_room() {
+        let mut next = random(13);
+        let p = set((0..900).map(|_| (Vector([next(), next()]), 0.03)));
+        let (mut near, mut column) = (Neighbors::new(), PairColumn::default());
+        near.build(&p, 2.0, Search::Grid).unwrap();
+        near.fill(&mut column, |a, pair| 1e3 * a as f64 + pair.b as f64);
+        let (before, full, bytes, pairs) = (near.clone(), column.clone(), near.bytes() + column.bytes(), near.pairs());
+        // One row in five, and none at all of the second block.
+        let kept = |a: usize| a % 5 == 2 && !(BLOCK..2 * BLOCK).contains(&a);
+        near.keep(&mut column, false, kept);
+        let all_of = |near: &Neighbors<2>, column: &PairColumn, a| {
+            let mut found = Vec::new();
+            near.for_each_with(a, column, |b, _, value| found.push((b, value)));
+            found
+        };
+        for a in 0..900 {
+            let expected = if (BLOCK..2 * BLOCK).contains(&a) { Vec::new() } else { all_of(&before, &full, a) };
+            assert_eq!(all_of(&near, &column, a), expected, "row {a}, whole blocks");
+        }
+        near.keep(&mut column, true, kept);
+        for a in 0..900 {
+            let expected = if kept(a) { all_of(&before, &full, a) } else { Vec::new() };
+            assert_eq!(all_of(&near, &column, a), expected, "row {a}");
+        }
+        assert!(near.bytes() + column.bytes() < bytes / 2, "{} of {bytes} bytes", near.bytes() + column.bytes());
+        assert_eq!(near.pairs(), pairs);
+        near.build(&p, 2.0, Search::Grid).unwrap();
+        assert_eq!(sorted(&near, 900), sorted(&before, 900));
     }
 
     /// Lattice points lie exactly on cell faces and exactly at the reach.

@@ -81,6 +81,12 @@ pub(crate) fn replace<T>(column: &mut Vec<T>, values: impl ExactSizeIterator<Ite
     column.extend(values);
 }
 
+/// Makes a column `n` rows long, new ones of `value`, with room for no more: columns grow little, and seldom, and doubling would keep twice the memory.
+pub(crate) fn fit<T: Clone>(column: &mut Vec<T>, n: usize, value: T) {
+    column.reserve_exact(n.saturating_sub(column.len()));
+    column.resize(n, value);
+}
+
 /// Gives back most of the room that a column which grew by doubling does not use.
 pub(crate) fn trim<T>(column: &mut Vec<T>) {
     if column.capacity() > column.len() + column.len() / 8 {

@@ -33,6 +33,17 @@ pub(crate) struct Octets {
     bound: Option<usize>,
 }
 
+/// Keeps the entries of `ranges`, which are in order, one behind the other, and gives back the room of all others.
+pub(crate) fn keep<T: Copy>(column: &mut Vec<T>, ranges: &[std::ops::Range<usize>]) {
+    let mut length = 0;
+    for range in ranges {
+        column.copy_within(range.clone(), length);
+        length += range.len();
+    }
+    column.truncate(length);
+    column.shrink_to_fit();
+}
+
 /// Rows of records that are there: eight, or as many as a vector holds.
 #[derive(Clone, Copy)]
 pub(crate) struct Listed<'a> {
@@ -42,10 +53,18 @@ pub(crate) struct Listed<'a> {
 }
 
 impl Octets {
-    /// Begins anew, with room for `likely` rows.
+    /// Begins anew, with room for `likely` rows, or for as many as were asked for the last time.
     pub fn begin(&mut self, likely: usize) {
+        let likely = likely.max(self.asked);
         (self.length, self.asked, self.bound) = (0, 0, None);
         self.grow(likely);
+    }
+
+    /// Keeps the rows of `ranges`, whole eights in order, one behind the other, and gives back the room of all others.
+    pub fn keep(&mut self, ranges: &[std::ops::Range<usize>]) {
+        self.room.truncate(self.length);
+        keep(&mut self.room, ranges);
+        self.length = self.room.len();
     }
 
     fn grow(&mut self, least: usize) {

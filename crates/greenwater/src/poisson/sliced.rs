@@ -10,6 +10,9 @@ use crate::sweep::trim;
 /// Rows built or multiplied as one piece of work: whole slices.
 pub const ROWS: usize = 32 * LANES;
 
+/// Rows of a turn.
+const TURN: usize = 64 * ROWS;
+
 /// Entries from which a product is shared among threads.
 const SHARED_ENTRIES: usize = 30_000;
 
@@ -36,6 +39,8 @@ struct Block {
     slices: Slices,
     weights: Vec<Lanes<f32>>,
     entries: usize,
+    /// Length of `weights` before room was [given back](Sliced::let_go).
+    likely: usize,
 }
 
 /// Further weights of the entries of a [`Sliced`] matrix, `S` each.
@@ -107,20 +112,53 @@ impl Sliced {
     /// Replaces the matrix by one of `n` rows. `fill(i, row)` pushes the entries of row `i` and answers its diagonal `d_i`, positive. Rows are
     /// filled in parallel over fixed blocks. Nothing is allocated once storage has grown. Panics if a column is not below `n`.
     pub fn fill<const S: usize>(&mut self, n: usize, arms: &mut Arms<S>, fill: impl Fn(usize, &mut SlicedRow<S>) -> f64 + Sync) {
-        self.rows = n;
+        self.begin(n, arms);
+        self.fill_rows(0..n, arms, fill);
+    }
+
+    /// Begins a matrix of `n` rows, whose [turns](Self::turns) are to be [filled](Self::fill_rows) in order: for those who have something to give
+    /// back meanwhile.
+    pub fn begin<const S: usize>(&mut self, n: usize, arms: &mut Arms<S>) {
+        (self.rows, self.entries) = (n, 0);
         self.blocks.resize_with(n.div_ceil(ROWS), Block::default);
         arms.blocks.resize_with(n.div_ceil(ROWS), ArmBlock::default);
         self.diagonal.resize(n, 0.0);
         self.inverse.resize(n, 0.0);
         arms.squares.resize(n, 0.0);
-        let numbers = self.diagonal.par_chunks_mut(ROWS).zip(self.inverse.par_chunks_mut(ROWS)).zip(arms.squares.par_chunks_mut(ROWS));
-        let blocks = self.blocks.par_iter_mut().zip(&mut arms.blocks).zip(numbers).enumerate();
+    }
+
+    /// The rows of each turn.
+    pub fn turns(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let n = self.rows;
+        (0..n).step_by(TURN).map(move |first| first..n.min(first + TURN))
+    }
+
+    /// Fills rows, as [`fill`](Self::fill) does all of them.
+    pub fn fill_rows<const S: usize>(
+        &mut self,
+        rows: Range<usize>,
+        arms: &mut Arms<S>,
+        fill: impl Fn(usize, &mut SlicedRow<S>) -> f64 + Sync,
+    ) {
+        let of = rows.start / ROWS..rows.end.div_ceil(ROWS);
+        let (diagonal, inverse, squares) =
+            (&mut self.diagonal[rows.clone()], &mut self.inverse[rows.clone()], &mut arms.squares[rows.clone()]);
+        let numbers = diagonal.par_chunks_mut(ROWS).zip(inverse.par_chunks_mut(ROWS)).zip(squares.par_chunks_mut(ROWS));
+        let blocks = self.blocks[of.clone()].par_iter_mut().zip(&mut arms.blocks[of.clone()]).zip(numbers).enumerate();
         blocks.for_each(|(number, ((block, arms), ((diagonal, inverse), squares)))| {
-            let Block { slices, weights, entries } = block;
+            let number = of.start + number;
+            let Block { slices, weights, entries, likely } = block;
             slices.clear();
             weights.clear();
             arms.arms.iter_mut().for_each(Vec::clear);
             *entries = 0;
+            if *likely > 0 {
+                let room = *likely + *likely / 32;
+                slices.reserve(room);
+                weights.reserve_exact(room);
+                arms.arms.iter_mut().for_each(|arm| arm.reserve_exact(room));
+                *likely = 0;
+            }
             for first in (0..diagonal.len()).step_by(LANES) {
                 let start = weights.len();
                 for (lane, at) in (first..diagonal.len().min(first + LANES)).enumerate() {
@@ -139,7 +177,17 @@ impl Sliced {
             slices.shrink_to(weights.capacity());
             arms.arms.iter_mut().for_each(trim);
         });
-        self.entries = self.blocks.iter().map(|block| block.entries).sum();
+        self.entries += self.blocks[of].iter().map(|block| block.entries).sum::<usize>();
+    }
+
+    /// Gives back the room of all entries: the matrix is nothing until it is filled again.
+    pub fn let_go<const S: usize>(&mut self, arms: &mut Arms<S>) {
+        for (block, arms) in self.blocks.iter_mut().zip(&mut arms.blocks) {
+            let likely = block.weights.len().max(block.likely);
+            *block = Block { likely, ..Block::default() };
+            *arms = ArmBlock::default();
+        }
+        self.rows = 0;
     }
 
     /// Gives each row `i` the diagonal `diagonal(i, Σ_j w_ij)`, positive.
@@ -336,5 +384,43 @@ impl Sliced {
     pub fn bytes(&self) -> usize {
         let blocks: usize = self.blocks.iter().map(|b| b.slices.bytes() + size_of::<Lanes<f32>>() * b.weights.capacity()).sum();
         blocks + 8 * self.diagonal.capacity() + 4 * self.inverse.capacity()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_matrix_that_was_let_go_is_filled_turn_by_turn_as_at_once() {
+        // Two turns and a bit; rows of one to four entries.
+        let n = 2 * TURN + 100;
+        let fill = |i: usize, row: &mut SlicedRow<2>| {
+            (0..1 + i % 4).for_each(|k| row.push((i + 7 * k) % n, 0.5 + k as f32, [i as f32, k as f32]));
+            10.0 + i as f64
+        };
+        let (mut at_once, mut arms_at_once) = (Sliced::default(), Arms::default());
+        at_once.fill(n, &mut arms_at_once, fill);
+        let (mut a, mut arms) = (at_once.clone(), arms_at_once.clone());
+        a.let_go(&mut arms);
+        assert!(a.bytes() < at_once.bytes() / 2, "{} of {} bytes", a.bytes(), at_once.bytes());
+        a.begin(n, &mut arms);
+        let mut ends = Vec::new();
+        for rows in a.turns() {
+            ends.push(rows.end);
+            a.fill_rows(rows, &mut arms, fill);
+        }
+        assert_eq!(ends, [TURN, 2 * TURN, n]);
+        assert_eq!(a.entries(), at_once.entries());
+        let x: Vec<f64> = (0..n).map(|i| (0.1 * i as f64).sin()).collect();
+        let rises = |a: &Sliced, arms: &Arms<2>| {
+            let mut rises = vec![[0.0; 2]; n];
+            a.rise(arms, &x, &mut rises, |_, rise, out| *out = rise);
+            rises
+        };
+        assert_eq!(rises(&a, &arms), rises(&at_once, &arms_at_once));
+        for i in (0..n).step_by(997) {
+            assert!(a.row(i).eq(at_once.row(i)) && a.diagonal(i) == at_once.diagonal(i) && arms.square(i) == arms_at_once.square(i), "row {i}");
+        }
     }
 }

@@ -83,8 +83,7 @@ struct Flow<const D: usize> {
     /// Right side of an equation and its solution, by unknown.
     source: Vec<f64>,
     unknowns: Vec<f64>,
-    /// A vector field by unknown (behind a step the pushes on walls, by row), and `T` of the velocity; see [`look_at_velocity`](Self::look_at_velocity). Before there are unknowns `strain` is how the
-    /// flow stretches, 1/s, by row.
+    /// A vector field by unknown (behind a step the pushes on walls, by row), and `T` of the velocity; see [`look_at_velocity`](Self::look_at_velocity).
     by_unknown: Vec<[f64; D]>,
     strain: Vec<Matrix<D>>,
     /// Norm of the right side of the first pressure solve of a step.
@@ -183,11 +182,9 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         let (near, lattice) = (&flow.near, &flow.lattice);
         let pairs = flow.sense.pairs(kernel, near);
         let set = pairs.set;
-        let mut stretch = std::mem::take(&mut flow.strain);
-        stretch.resize(p.len() + 1, [Vector::ZERO; D]);
+        let mut stretch = vec![[Vector::ZERO; D]; p.len() + 1];
         near.fill_rows(set, &mut flow.f, (&mut flow.at, &mut stretch[..owned]), &Looking { pairs, lattice, p });
         domain.refresh_column(&mut stretch[..p.len()]);
-        stretch[p.len()] = [Vector::ZERO; D];
         flow.v.resize(p.len(), Vector::ZERO);
         if flow.lacking(p.h_max(), flow.medium.greatest_speed(p)) > 0.0 {
             // Of strength one: the viscosity is known later, with the speed.
@@ -196,7 +193,7 @@ impl<K: Kernel<D>, const D: usize> Isph<K, D> {
         } else {
             flow.v.fill(Vector::ZERO);
         }
-        flow.strain = stretch;
+        drop(stretch);
         flow.parts.find(p, domain, &flow.near);
         let f = &flow.f;
         if flow.settings.free_surface == FreeSurface::None {
@@ -365,31 +362,52 @@ impl<const D: usize> Flow<D> {
         self.pull.resize(fluid, 0.0);
         sweep(&mut self.pull, |k| at[numbering.row(k)].surface_pull(lattice));
         self.fill_matrix(p, domain);
-        // From here on the matrix knows the pairs of fluid, and `f` is asked for at walls alone. What a new multigrid is built in takes its room.
-        let at = &self.at;
-        self.f.keep(p.owned(), |a| !p.is_fluid(a) || at[a].off_walls != Vector::ZERO);
-        let floor = 1e-6 / (self.medium.spacing * self.medium.spacing);
-        let (at, numbering) = (&self.at, &self.numbering);
-        self.exact.prepare(&self.arms, fluid, floor, |k| at[numbering.row(k)].slope);
     }
 
+    /// The matrix takes the room of the pairs: it knows those of fluid, and from then on `near` and `f` are asked at walls alone.
     fn fill_matrix(&mut self, p: &Particles<D>, domain: &Domain<D>) {
         let (owned, unknowns) = (p.owned(), self.numbering.len());
-        let (near, f, numbering) = (&self.near, &self.f, &self.numbering);
-        let (at, pull, lattice) = (&self.at, &self.pull, &self.lattice);
-        self.sliced.fill(unknowns, &mut self.arms, |k, row| {
-            let a = numbering.row(k);
-            let mut to_fluid = 0.0;
-            near.for_each_at(&p.x, a, f, |b, x_ab, f| {
-                if p.is_fluid(b) {
-                    let weight = (2.0 * f) as f32;
-                    to_fluid += f64::from(weight);
-                    row.push(numbering.places[domain.parent(b, owned)] as usize, weight, x_ab.0.map(|x| (f * x) as f32));
-                }
+        self.sliced.begin(unknowns, &mut self.arms);
+        for rows in self.sliced.turns() {
+            let (near, f, numbering) = (&self.near, &self.f, &self.numbering);
+            let (at, pull, lattice) = (&self.at, &self.pull, &self.lattice);
+            let (done, whole) = (rows.end, rows.end == unknowns);
+            self.sliced.fill_rows(rows, &mut self.arms, |k, row| {
+                let a = numbering.row(k);
+                let mut to_fluid = 0.0;
+                near.for_each_at(&p.x, a, f, |b, x_ab, f| {
+                    if p.is_fluid(b) {
+                        let weight = (2.0 * f) as f32;
+                        to_fluid += f64::from(weight);
+                        row.push(numbering.places[domain.parent(b, owned)] as usize, weight, x_ab.0.map(|x| (f * x) as f32));
+                    }
+                });
+                diagonal(lattice, &at[a], to_fluid, pull[k])
             });
-            diagonal(lattice, &at[a], to_fluid, pull[k])
-        });
+            let asked = |a: usize| !p.is_fluid(a) || at[a].off_walls != Vector::ZERO || numbering.places[a] as usize >= done;
+            self.near.keep(&mut self.f, whole, asked);
+        }
         self.fill_rows();
+    }
+
+    /// What the exact projection needs of the matrix, in the room of the records, which are made anew in the next step.
+    fn prepare_exact(&mut self) {
+        self.sense.records = Vec::new();
+        let floor = 1e-6 / (self.medium.spacing * self.medium.spacing);
+        let (at, numbering) = (&self.at, &self.numbering);
+        self.exact.prepare(&self.arms, numbering.len(), floor, |k| at[numbering.row(k)].slope);
+    }
+
+    /// Lets go of how to take the step before back, and of what it knew of its flow: the search takes their room.
+    fn let_go_of_step(&mut self) {
+        (self.moved, self.shift) = (Vec::new(), Vec::new());
+        (self.by_unknown, self.strain) = (Vec::new(), Vec::new());
+    }
+
+    /// Lets go of the matrix, once its work is done: the search of the next step takes its room.
+    fn let_go_of_matrix(&mut self) {
+        self.sliced.let_go(&mut self.arms);
+        self.exact = Exact::default();
     }
 
     /// Signed pulls of the surface become positive ones, and with them the matrix.
@@ -459,7 +477,8 @@ impl<const D: usize> Flow<D> {
         source.resize(self.numbering.len(), 0.0);
         sweep(&mut source, |k| {
             let a = self.numbering.row(k);
-            if self.near.of(a).is_empty() {
+            // Nobody is in reach.
+            if self.at[a].links == 0.0 {
                 return 0.0;
             }
             let mut walls = 0.0;
@@ -483,6 +502,10 @@ impl<const D: usize> Flow<D> {
         }
         // A further pass corrects the first one: what it may leave is measured by what that one had to do.
         self.first_source = if answered == Answer::Full { norm(&self.source) } else { self.first_source };
+        if self.solver.is_due(self.numbering.len()) {
+            // A new multigrid is built in the room of what is known anew after the solve.
+            (self.by_unknown, self.strain) = (Vec::new(), Vec::new());
+        }
         let report = match self.solve_as_asked() {
             Ok(report) => report,
             // Rare: a part without surface beside one with a surface, which costs a search, or fluid so uneven that signed pulls
@@ -506,7 +529,7 @@ impl<const D: usize> Flow<D> {
 
     fn solve_as_asked(&mut self) -> Result<SolveReport, SolveError> {
         if self.solver.takes_sliced() {
-            // Records are made anew in the next step.
+            // Sums over records are made.
             let room = Record::flat_mut(&mut self.sense.records);
             self.solver.solve_sliced(&self.sliced, &self.source, &mut self.unknowns, self.first_source, room)
         } else {
@@ -519,6 +542,7 @@ impl<const D: usize> Flow<D> {
     /// them.
     fn pressure_gradient(&mut self, p: &Particles<D>, answered: Answer) {
         let mut gradient = std::mem::take(&mut self.by_unknown);
+        gradient.resize(self.numbering.len(), [0.0; D]);
         let this = &*self;
         this.sliced.rise(&this.arms, &this.unknowns, &mut gradient, |k, rise, gradient| {
             let a = this.numbering.row(k);
@@ -712,6 +736,7 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Isph<K, D> {
 
     fn step(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>, dt: f64, phases: &mut Phases) -> Result<StepReport, StepError> {
         self.flow.before.read(p, domain);
+        self.flow.let_go_of_step();
         self.flow.densities.clear();
         self.flow.densities.extend_from_slice(&p.density[..p.owned()]);
         phases.measure("search", || self.look_around(p, domain))?;
@@ -733,6 +758,7 @@ impl<const D: usize> Flow<D> {
         domain.refresh_column(&mut p.acceleration);
         p.pressure.clone_from(&self.pressure);
         self.wall_pressures(p);
+        self.let_go_of_matrix();
         Ok(())
     }
 
@@ -758,13 +784,17 @@ impl<const D: usize> Flow<D> {
         let report = phases.measure("pressure", || self.press(p, domain, kick))?;
 
         // (4) clean the velocity by a few iterations of the exact projection
-        phases.measure("clean-up", || self.clean(p, domain, kick));
+        phases.measure("clean-up", || {
+            self.prepare_exact();
+            self.clean(p, domain, kick);
+        });
 
         // (5) even spacing, and the density kept by moving particles
         phases.measure("positions", || self.rearrange(p, dt));
 
         // (6) x += Δt v + δx, v += δx·∇v; nothing passes a wall
         phases.measure("motion", || {
+            self.let_go_of_matrix();
             let mut moved = std::mem::take(&mut self.moved);
             moved.resize(owned, Guarded::default());
             sweep(&mut moved, |a| if p.is_fluid(a) { self.guarded(p, a, dt) } else { Guarded::at(p.x[a], p.v[a]) });

@@ -19,8 +19,6 @@ pub(super) struct Parts<const D: usize> {
     pub(super) count: usize,
     extents: Vec<Extent>,
     bodies: Vec<Body<D>>,
-    /// Pairs of fluid whose second row belongs to an earlier block.
-    across: Vec<Vec<(u32, u32)>>,
 }
 
 /// Counts of a part.
@@ -87,13 +85,13 @@ impl<const D: usize> Parts<D> {
     pub(super) fn find(&mut self, p: &Particles<D>, domain: &Domain<D>, near: &Neighbors<D>) {
         let owned = p.owned();
         self.of.resize(owned, 0);
-        self.across.resize_with(owned.div_ceil(BLOCK), Vec::new);
+        // Pairs of fluid whose second row belongs to an earlier block.
+        let mut pairs_across: Vec<Vec<(u32, u32)>> = vec![Vec::new(); owned.div_ceil(BLOCK)];
         // A row leads to one before it, and in the end to the first of its part, whichever pairs are looked at first: blocks on their own,
         // then the pairs across them.
-        let blocks = self.of.par_chunks_mut(BLOCK).zip(&mut self.across).enumerate();
+        let blocks = self.of.par_chunks_mut(BLOCK).zip(&mut pairs_across).enumerate();
         blocks.for_each(|(block, (of, across))| {
             let start = block * BLOCK;
-            across.clear();
             of.iter_mut().enumerate().for_each(|(i, of)| *of = i as u32);
             for i in 0..of.len() {
                 let a = start + i;
@@ -111,7 +109,7 @@ impl<const D: usize> Parts<D> {
             }
             of.iter_mut().for_each(|of| *of += start as u32);
         });
-        for &(a, b) in self.across.iter().flatten() {
+        for &(a, b) in pairs_across.iter().flatten() {
             if self.of[a as usize] != self.of[b as usize] {
                 join(&mut self.of, a, b);
             }

@@ -5,7 +5,7 @@ use crate::domain::Domain;
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
 use crate::reduce::sum;
-use crate::sweep::{sweep, update};
+use crate::sweep::{fit, sweep, update};
 use crate::walls::first_line_parents;
 
 /// A fluid particle after its move, and what the guard of walls did to it.
@@ -105,7 +105,7 @@ impl<const D: usize> Flow<D> {
     pub(super) fn wall_pressures(&mut self, p: &mut Particles<D>) {
         let owned = p.owned();
         let mut walls = std::mem::take(&mut self.source);
-        walls.resize(owned, 0.0);
+        fit(&mut walls, owned, 0.0);
         sweep(&mut walls, |a| if p.kind[a] == Kind::Wall && p.layer[a] <= 1 { self.wall_pressure(p, a) } else { 0.0 });
         for a in (0..owned).filter(|&a| p.kind[a] == Kind::Wall) {
             let first = self.first_line[a] as usize;
@@ -147,7 +147,7 @@ impl<const D: usize> Flow<D> {
         let owned = p.owned();
         let mut force = std::mem::take(&mut p.force);
         let mut push = std::mem::take(&mut self.by_unknown);
-        push.resize(owned, [0.0; D]);
+        fit(&mut push, owned, [0.0; D]);
         let this = &*self;
         sweep(&mut push, |a| if p.kind[a] == Kind::Wall { this.wall_force(p, domain, dt, a).0 } else { [0.0; D] });
 
