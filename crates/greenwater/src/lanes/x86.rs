@@ -191,22 +191,22 @@ unsafe fn total_of_four(four: __m256d) -> f64 {
     }
 }
 
-/// Four fields from `FROM` on of four records, turned.
+/// Two fields from `from` on of the records `low` and `high`, one behind the other.
 #[inline(always)]
-unsafe fn four_by_four<const FROM: usize>(records: &[Record], rows: &[u32; 4]) -> [Avx2; 4] {
+unsafe fn two_pairs(records: &[Record], low: u32, high: u32, from: usize) -> __m256d {
     unsafe {
-        let a = _mm256_load_pd(records.get_unchecked(rows[0] as usize).0.as_ptr().add(FROM));
-        let b = _mm256_load_pd(records.get_unchecked(rows[1] as usize).0.as_ptr().add(FROM));
-        let c = _mm256_load_pd(records.get_unchecked(rows[2] as usize).0.as_ptr().add(FROM));
-        let d = _mm256_load_pd(records.get_unchecked(rows[3] as usize).0.as_ptr().add(FROM));
-        let (even, odd) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
-        let (even_high, odd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
-        [
-            Avx2(_mm256_permute2f128_pd::<0x20>(even, even_high)),
-            Avx2(_mm256_permute2f128_pd::<0x20>(odd, odd_high)),
-            Avx2(_mm256_permute2f128_pd::<0x31>(even, even_high)),
-            Avx2(_mm256_permute2f128_pd::<0x31>(odd, odd_high)),
-        ]
+        let low = _mm_load_pd(records.get_unchecked(low as usize).0.as_ptr().add(from));
+        let high = _mm_load_pd(records.get_unchecked(high as usize).0.as_ptr().add(from));
+        _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(low), high)
+    }
+}
+
+/// Two fields from `from` on of four records, turned: halves come from memory in order, so that nothing has to cross the middle of a register.
+#[inline(always)]
+unsafe fn two_by_four(records: &[Record], rows: &[u32; 4], from: usize) -> [Avx2; 2] {
+    unsafe {
+        let (even, odd) = (two_pairs(records, rows[0], rows[2], from), two_pairs(records, rows[1], rows[3], from));
+        [Avx2(_mm256_unpacklo_pd(even, odd)), Avx2(_mm256_unpackhi_pd(even, odd))]
     }
 }
 
@@ -311,8 +311,8 @@ impl Lanes for Avx2 {
     fn gather(listed: Listed<'_>) -> [Self; LANES] {
         let rows = listed.exactly();
         unsafe {
-            let [a, b, c, d] = four_by_four::<0>(listed.records, rows);
-            let [e, f, g, h] = four_by_four::<4>(listed.records, rows);
+            let ([a, b], [c, d]) = (two_by_four(listed.records, rows, 0), two_by_four(listed.records, rows, 2));
+            let ([e, f], [g, h]) = (two_by_four(listed.records, rows, 4), two_by_four(listed.records, rows, 6));
             [a, b, c, d, e, f, g, h]
         }
     }
