@@ -1,6 +1,6 @@
 //! What the machine can do at most: memory bandwidth, and multiply-adds.
 
-mod vector;
+pub mod vector;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

@@ -7,6 +7,7 @@ use greenwater_report::page::Table;
 use greenwater_report::words::number;
 use serde_json::Value;
 
+use super::ceilings::vector::Instructions;
 use super::paper::summary;
 use super::record::{Document, Record};
 use super::{BenchError, impact};
@@ -37,14 +38,13 @@ const PEERS_ORIGIN: &str = "DualSPHysics 5.4 (single precision, -O3 -march=nativ
 
 /// Tables for a terminal.
 pub fn text(document: &Document) -> String {
-    let documents = [document.clone()];
-    let rows = latest(&documents);
+    let rows = latest(&[document]);
     // One document: its day and machine stand above, once.
     let unstamped =
         |table: Table| Table { caption: table.caption.rsplit_once("Measured ").map_or("", |(text, _)| text).to_owned(), ..table };
     let tables: Vec<Table> = tables(&rows).into_iter().map(|(_, table)| unstamped(table)).collect();
     let mut text = format!("{}\n\n{}", stamp(document), summary::text(&tables));
-    let goals = goals(&rows);
+    let goals = table_of_goals(&[("measured", rows)]);
     if !goals.rows.is_empty() {
         let _ = write!(text, "{}", summary::text(&[goals]));
     }
@@ -53,18 +53,41 @@ pub fn text(document: &Document) -> String {
 
 /// Writes the page, and its figures beside it.
 pub fn write(documents: &[Document], path: &Path) -> Result<(), BenchError> {
-    let rows = latest(documents);
-    let impacts: Vec<&Record> = rows.iter().map(|row| row.record).filter(|record| record.bench == "impact").collect();
-    if !impacts.is_empty() {
+    let processors = by_instructions(documents);
+    if let Some(impacts) = processors.iter().map(|(_, rows)| impacts(rows)).find(|impacts| !impacts.is_empty()) {
         impact::write_figures(&impacts, &path.parent().unwrap_or(Path::new(".")).join("figures"))?;
     }
-    super::write(path, page(&rows))
+    super::write(path, page(&processors))
 }
 
-/// The newest row of each kind, of the machine of the last document; rows of `--quick` only where there is no other.
-fn latest(documents: &[Document]) -> Vec<Row<'_>> {
+fn impacts<'a>(rows: &[Row<'a>]) -> Vec<&'a Record> {
+    rows.iter().map(|row| row.record).filter(|record| record.bench == "impact").collect()
+}
+
+/// The rows of processors with one set of instructions, and its name.
+type Processors<'a> = (&'a str, Vec<Row<'a>>);
+
+/// The newest rows of the kind of machine that the last document is of, by the instructions that it was measured with, the widest first: processors of
+/// one name differ in them, and by more than by anything else.
+fn by_instructions(documents: &[Document]) -> Vec<Processors<'_>> {
     let machine = documents.last().and_then(|document| document.extra.get("machine"));
-    let mut ordered: Vec<&Document> = documents.iter().filter(|document| document.extra.get("machine") == machine).collect();
+    let alike: Vec<&Document> = documents.iter().filter(|document| document.extra.get("machine") == machine).collect();
+    let name = |document: &'_ Document| {
+        let ceilings = document.extra.get("ceilings").and_then(Value::as_array);
+        let instructions = ceilings.and_then(|ceilings| ceilings.first()?.get("instructions")?.as_str());
+        Instructions::ALL.iter().map(|set| set.name()).find(|&name| instructions == Some(name)).unwrap_or("unknown instructions")
+    };
+    let names = Instructions::ALL.iter().map(|set| set.name()).chain(["unknown instructions"]);
+    let rows = names.map(|set| {
+        let documents: Vec<&Document> = alike.iter().copied().filter(|document| name(document) == set).collect();
+        (set, latest(&documents))
+    });
+    rows.filter(|(_, rows)| !rows.is_empty()).collect()
+}
+
+/// The newest row of each kind; rows of `--quick` only where there is no other.
+fn latest<'a>(documents: &[&'a Document]) -> Vec<Row<'a>> {
+    let mut ordered: Vec<&Document> = documents.to_vec();
     // Stable: quick ones first, and each kind in the order of time.
     ordered.sort_by_key(|document| document.extra.get("quick") != Some(&Value::Bool(true)));
     let mut rows: Vec<Row> = Vec::new();
@@ -93,7 +116,7 @@ fn stamp(document: &Document) -> String {
     format!("{}, commit {}, {cpu}, {cores} cores{load}{quick}{debug}", word("date"), word("commit"))
 }
 
-fn page(rows: &[Row]) -> String {
+fn page(processors: &[Processors]) -> String {
     let mut page = "# Speed\n\n\
         <!-- Made by `greenwater bench page --history docs/bench-history.jsonl --docs docs/src/speed.md`. Edit crates/greenwater-cli/src/bench/docs.rs, \
         not this page. -->\n\n\
@@ -108,16 +131,22 @@ fn page(rows: &[Row]) -> String {
         of each fluid particle; the list holds more, for its skin. `delta-sph` goes through the pairs twice in a sound step, for forces at its middle and for rates of \
         density at its end, and pairs/s counts both; the plain loop has all terms in one. *Over the plain loop* compares times for all terms.\n"
         .to_owned();
-    ceilings(&mut page, rows);
-    let goals = goals(rows);
+    ceilings(&mut page, processors.iter().flat_map(|(_, rows)| rows));
+    let goals = table_of_goals(processors);
     if !goals.rows.is_empty() {
         let _ = write!(page, "\n## Goals\n\n{}", markdown(&goals));
     }
-    for (title, table) in tables(rows) {
-        let heading = if title.is_empty() { String::new() } else { format!("\n## {title}\n") };
-        let _ = write!(page, "{heading}\n{}", markdown(&table));
+    for (instructions, rows) in processors {
+        for (title, table) in tables(rows) {
+            let heading = match title.as_str() {
+                "" => String::new(),
+                title if processors.len() > 1 => format!("\n## {title}, {instructions}\n"),
+                title => format!("\n## {title}\n"),
+            };
+            let _ = write!(page, "{heading}\n{}", markdown(&table));
+        }
     }
-    if rows.iter().any(|row| row.record.bench == "impact") {
+    if processors.iter().any(|(_, rows)| !impacts(rows).is_empty()) {
         page.push('\n');
         for (name, title) in impact::FIGURES {
             let _ = writeln!(page, "![{title}: error against time](figures/{name}.svg)\n");
@@ -133,9 +162,9 @@ fn page(rows: &[Row]) -> String {
     page
 }
 
-fn ceilings(page: &mut String, rows: &[Row]) {
+fn ceilings<'a>(page: &mut String, rows: impl Iterator<Item = &'a Row<'a>>) {
     let mut lines: Vec<String> = Vec::new();
-    for row in rows.iter().filter(|row| row.record.method != "interFoam") {
+    for row in rows.filter(|row| row.record.method != "interFoam") {
         let Some(ceilings) = row.document.extra.get("ceilings").and_then(Value::as_array) else { continue };
         for ceiling in ceilings {
             let value = |key: &str| 1e-9 * ceiling.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
@@ -471,18 +500,44 @@ fn impact_table(rows: &[&Row]) -> Table {
 
 // ---- goals --------------------------------------------------------------------------------------------------------------
 
+/// What the project wants, and whether processors meet it, by their instructions.
+fn table_of_goals(processors: &[Processors]) -> Table {
+    let found: Vec<Vec<Goal>> = processors.iter().map(|(_, rows)| goals(rows)).collect();
+    let mut head: Vec<String> = ["goal", "rule"].map(str::to_owned).to_vec();
+    head.extend(processors.iter().flat_map(|(name, _)| [(*name).to_owned(), "met".to_owned()]));
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    for goal in found.iter().flatten() {
+        if !rows.iter().any(|row| row[0] == goal.what) {
+            let verdicts = found.iter().flat_map(|goals| match goals.iter().find(|other| other.what == goal.what) {
+                Some(Goal { measured, met, .. }) => [measured.clone(), if *met { "yes".to_owned() } else { "**no**".to_owned() }],
+                None => ["\u{2013}".to_owned(), String::new()],
+            });
+            rows.push([goal.what.clone(), goal.rule.clone()].into_iter().chain(verdicts).collect());
+        }
+    }
+    Table { head, rows, ..Table::default() }
+}
+
+/// Something the project wants, and what was measured.
+struct Goal {
+    what: String,
+    rule: String,
+    measured: String,
+    met: bool,
+}
+
 /// What the project wants, and what these rows say; goals without a row are left out.
-fn goals(rows: &[Row]) -> Table {
+fn goals(rows: &[Row]) -> Vec<Goal> {
     let find = |bench: &str, workload: &str, method: &str, threads: usize| {
         let same =
             |r: &&Record| r.bench == bench && r.workload == workload && (method.is_empty() || r.method == method) && r.threads == threads;
         rows.iter().map(|row| row.record).find(same)
     };
-    let mut lines: Vec<Vec<String>> = Vec::new();
+    let mut found: Vec<Goal> = Vec::new();
     let mut goal = |what: &str, rule: &str, measured: Option<f64>, unit: &str, met: &dyn Fn(f64) -> bool| {
         if let Some(value) = measured {
-            let verdict = if met(value) { "yes" } else { "**no**" };
-            lines.push(vec![what.to_owned(), rule.to_owned(), format!("{} {unit}", number(value)).trim().to_owned(), verdict.to_owned()]);
+            let measured = format!("{} {unit}", number(value)).trim().to_owned();
+            found.push(Goal { what: what.to_owned(), rule: rule.to_owned(), measured, met: met(value) });
         }
     };
     for (workload, step) in [("dam-break-2d-50k", 12e6), ("dam-break-3d-35k", 2.5e6)] {
@@ -546,8 +601,7 @@ fn goals(rows: &[Row]) -> Table {
         let ratio = cost("1m").zip(cost("20k")).map(|(large, small)| large / small);
         goal(&format!("multigrid-CG, time an unknown at 1M over 20k, {dimension}"), "<= 1.3", ratio, "", &|v| v <= 1.3);
     }
-    let head = ["goal", "rule", "measured", "met"].map(str::to_owned).to_vec();
-    Table { head, rows: lines, ..Table::default() }
+    found
 }
 
 #[cfg(test)]
@@ -580,7 +634,8 @@ mod tests {
 
     #[test]
     fn the_page_shows_the_newest_full_numbers_with_commit_and_machine() {
-        let page = page(&latest(&[document(false, "day one", 0.01), document(false, "day two", 0.02), document(true, "day three", 9.0)]));
+        let documents = [document(false, "day one", 0.01), document(false, "day two", 0.02), document(true, "day three", 9.0)];
+        let page = page(&by_instructions(&documents));
         assert!(page.contains("day two, commit abc1234, a processor, 2 cores") && !page.contains("day three"), "{page}");
         // 50 000 / 0.02 s = 2.5 M, below 12 M; the other method costs as much.
         assert!(
@@ -595,6 +650,24 @@ mod tests {
         let mut other = document(false, "day zero", 0.5);
         other.extra.insert("machine".into(), json!({"cpu": "another", "cores": 64}));
         let documents = [other, document(true, "day one", 0.01)];
-        assert!(latest(&documents).iter().all(|row| stamp(row.document).contains("a processor")));
+        let processors = by_instructions(&documents);
+        assert!(processors.iter().flat_map(|(_, rows)| rows).all(|row| stamp(row.document).contains("a processor")));
+    }
+
+    #[test]
+    fn processors_with_other_instructions_stand_beside_each_other() {
+        let with = |instructions: &str, date: &str, seconds: f64| {
+            let mut document = document(false, date, seconds);
+            document
+                .extra
+                .insert("ceilings".into(), json!([{"threads": 1, "bytes_per_s": 1e10, "flops": 5e10, "instructions": instructions}]));
+            document
+        };
+        let page = page(&by_instructions(&[with("AVX-512", "day one", 0.004), with("AVX2 with FMA", "day two", 0.01)]));
+        assert!(page.contains("| goal | rule | AVX-512 | met | AVX2 with FMA | met |"), "{page}");
+        // 50 000 particle-steps in 0.004 s and in 0.01 s.
+        let whole = "| whole step, dam-break-2d-50k, one thread | >= 12 M particle-steps/s | 12.5 M particle-steps/s | yes | 5 M particle-steps/s | **no** |";
+        assert!(page.contains(whole), "{page}");
+        assert!(page.contains("## Steps of isph, AVX-512\n") && page.contains("## Steps of isph, AVX2 with FMA\n"), "{page}");
     }
 }

@@ -420,7 +420,10 @@ mod tests {
         };
         assert_eq!(rises(&a, &arms), rises(&at_once, &arms_at_once));
         for i in (0..n).step_by(997) {
-            assert!(a.row(i).eq(at_once.row(i)) && a.diagonal(i) == at_once.diagonal(i) && arms.square(i) == arms_at_once.square(i), "row {i}");
+            assert!(
+                a.row(i).eq(at_once.row(i)) && a.diagonal(i) == at_once.diagonal(i) && arms.square(i) == arms_at_once.square(i),
+                "row {i}"
+            );
         }
     }
 }

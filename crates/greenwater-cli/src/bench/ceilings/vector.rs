@@ -17,6 +17,9 @@ pub enum Instructions {
 }
 
 impl Instructions {
+    /// All of them, the widest first.
+    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Portable];
+
     /// The widest that this processor has.
     pub fn here() -> Self {
         #[cfg(target_arch = "x86_64")]
