@@ -67,12 +67,16 @@ pub fn check(args: &CheckArgs) -> Result<(), CliError> {
 
 /// Draws the initial particles; gives the path of the picture.
 fn draw(setup: &AnySetup, args: &CheckArgs) -> Result<PathBuf, CliError> {
-    let svg = with_setup!(setup, setup => picture(setup));
     let path = args
         .out
         .clone()
         .unwrap_or_else(|| std::env::temp_dir().join(format!("greenwater-check-{}-{}.svg", setup.name(), std::process::id())));
-    let png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    let is = |format: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(format));
+    let png = is("png");
+    if !png && !is("svg") {
+        return Err(CliError::NotAPicture { path });
+    }
+    let svg = with_setup!(setup, setup => picture(setup));
     let picture = if png { greenwater_report::png(setup.name(), &svg)? } else { svg.into_bytes() };
     crate::export::write_new(&path, &picture, args.force)?;
     Ok(path)

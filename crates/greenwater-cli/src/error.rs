@@ -103,6 +103,12 @@ pub enum CliError {
         /// What the system said.
         source: io::Error,
     },
+    /// No kind of picture that can be drawn.
+    #[error("`--out {}` does not say what picture to draw: the name must end in .svg or .png", path.display())]
+    NotAPicture {
+        /// The file.
+        path: PathBuf,
+    },
     /// Standard output is closed or full.
     #[error("cannot print: {0}")]
     Print(#[from] io::Error),
@@ -132,6 +138,7 @@ impl CliError {
             | Self::NoFrame { .. }
             | Self::NoFrames { .. }
             | Self::FileExists { .. }
+            | Self::NotAPicture { .. }
             | Self::NotAReport { .. } => 2,
         }
     }

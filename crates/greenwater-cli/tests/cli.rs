@@ -211,6 +211,8 @@ fn check_says_what_a_run_takes_and_draws_it() {
     assert!(thin.contains("the kernel reaches beyond the 1 line(s) of the walls"), "{thin}");
     assert!(place.read("pool.svg").starts_with("<svg"));
     assert!(place.fails("check pool --out pool.svg").1.contains("exists already"));
+    let (code, said) = place.fails("check pool --out pool.pdf");
+    assert!(code == 2 && said.contains("must end in .svg or .png"), "{said}");
     place.ok("check pool --out pool.png");
     assert_eq!(fs::read(place.path("pool.png")).unwrap()[..4], *b"\x89PNG");
     let answer = json(&place.ok("check pool --out pool.svg --force --json"));

@@ -303,6 +303,17 @@ fn bad_values_are_named_with_line_value_and_rule() {
             "dimension = 2\ngravity = [0.0, 0.0]",
             "dam.toml:4: `gravity` has a value of the wrong type: list, expected a table, with keys such as `gravity.acceleration`",
         ),
+        (
+            "{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }",
+            "{ box = [0.0, 0.0, 0.5, 1.0] }",
+            "dam.toml:7: `fluid.shapes[0].box` has a value of the wrong type: list, expected a table, with keys such as `box.min`",
+        ),
+        (
+            "{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }",
+            "\"box\"",
+            "dam.toml:7: `fluid.shapes[0].box` has a value of the wrong type: a name alone, expected a table",
+        ),
+        ("[time]", "[time]\n[time]", "not valid TOML: duplicate key; a section stands once, lists of tables are written `[[probe]]`"),
         ("dimension = 2", "dimension = 4", "dam.toml:3: `dimension` is 4, but must be 2 or 3"),
         ("spacing = 0.1", "spacing = -0.01", "dam.toml:6: `fluid.spacing` is -0.01, but must be > 0"),
         ("spacing = 0.1", "spacing = 0.0", "dam.toml:6: `fluid.spacing` is 0, but must be > 0"),
@@ -341,7 +352,7 @@ fn bad_values_are_named_with_line_value_and_rule() {
             "`fluid.shapes[0]` is 0.55 m long along x, which is 5.500000 spacings of 0.1 m, but must be a whole number of them; the nearest `fluid.spacing` that fits is 0.05 m",
         ),
         ("{ box =", "{ tank =", "`fluid.shapes[0]` is a tank, but must be a shape that can be filled"),
-        ("{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }", "", "`fluid.shapes` is a list of 0, but must be given, or `fluid.from_file`"),
+        ("{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }", "", "`fluid.shapes` is empty, but must be a list of one shape or more"),
         (
             "{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }",
             "{ difference = { of = { box = { min = [0, 0], max = [1, 1] } }, minus = [{ box = { min = [0, 0], max = [1, 1] } }] } }",

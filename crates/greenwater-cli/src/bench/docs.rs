@@ -134,7 +134,8 @@ fn page(processors: &[Processors]) -> String {
     ceilings(&mut page, processors.iter().flat_map(|(_, rows)| rows));
     let goals = table_of_goals(processors);
     if !goals.rows.is_empty() {
-        let _ = write!(page, "\n## Goals\n\n{}", markdown(&goals));
+        page.push_str("\n## Goals\n\nPairs/s and particle-steps/s are goals for processors with AVX-512.\n\n");
+        page.push_str(&markdown(&goals));
     }
     for (instructions, rows) in processors {
         for (title, table) in tables(rows) {

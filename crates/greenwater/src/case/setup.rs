@@ -209,8 +209,19 @@ impl<const D: usize> Setup<D> {
             source.rule(packs, &format!("{key}.arrangement"), "\"packed\"", "\"lattice\" where no solid shape is there to fill")?;
         }
         let initial = InitialFields::checked::<D>(&s.fluid, source)?;
-        let shapes_or_file = fluid.is_empty() == s.fluid.from_file.is_some();
-        source.rule(shapes_or_file, "fluid.shapes", format!("a list of {}", fluid.len()), "given, or `fluid.from_file`, and not both")?;
+        let (empty, from_file) = (fluid.is_empty(), s.fluid.from_file.is_some());
+        source.rule(
+            !empty || from_file,
+            "fluid.shapes",
+            "empty",
+            "a list of one shape or more, such as `box`, unless `fluid.from_file` is given",
+        )?;
+        source.rule(
+            empty || !from_file,
+            "fluid.shapes",
+            format!("a list of {}", fluid.len()),
+            "left out where `fluid.from_file` is given",
+        )?;
 
         let mut method = method::settings(&s.method, kernel.radius() * ratio, source)?;
         let limits = Limits::of(s, method.clone(), source, neighbours::<D>(kernel.radius() * ratio))?;

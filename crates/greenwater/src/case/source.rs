@@ -103,7 +103,11 @@ impl Source {
 
     fn syntax(&self, error: &toml::de::Error) -> CaseError {
         let place = error.span().map_or_else(|| Place::File(self.file.clone()), |span| self.line(span.start));
-        CaseError::Syntax { place, problem: error.message().replace('\n', "; ") }
+        let mut problem = error.message().replace('\n', "; ");
+        if problem.starts_with("duplicate key") {
+            problem += "; a section stands once, lists of tables are written `[[probe]]`";
+        }
+        CaseError::Syntax { place, problem }
     }
 
     fn check_finite(&self, path: &str, value: &Value) -> Result<(), CaseError> {
@@ -118,15 +122,21 @@ impl Source {
         }
     }
 
-    /// No section is a list: serde would take that for the values of its keys in their order.
+    /// No section and no shape is a list: serde would take that for the values of its keys in their order.
     fn check_sections(&self, path: &str, table: &toml::Table) -> Result<(), CaseError> {
         table.iter().try_for_each(|(name, value)| {
             let key = join(path, name);
-            match (value, first_key(&key)) {
+            let is_shape = path.ends_with(']') && path.contains("shapes[");
+            let first = if is_shape { first_key(&format!("shape.{name}")) } else { first_key(&key) };
+            match (value, first) {
                 (Value::Table(inner), _) => self.check_sections(&key, inner),
                 (Value::Array(_), Some(first)) => {
-                    let problem = format!("list, expected a table, with keys such as `{first}`");
+                    let problem = format!("list, expected a table, with keys such as `{}`", first.trim_start_matches("shape."));
                     Err(CaseError::WrongType { place: self.place(&key), key, problem })
+                }
+                (Value::Array(items), None) => {
+                    let tables = items.iter().enumerate().filter_map(|(i, item)| Some((i, item.as_table()?)));
+                    tables.into_iter().try_for_each(|(i, item)| self.check_sections(&format!("{key}[{i}]"), item))
                 }
                 _ => Ok(()),
             }
@@ -175,6 +185,7 @@ fn plain_words(message: &str) -> String {
         ("expected a sequence", "expected a list"),
         ("expected a map", "expected a table"),
         ("sequence", "list"),
+        ("unit variant", "a name alone"),
         ("map,", "table,"),
     ] {
         text = text.replace(word, plain);
