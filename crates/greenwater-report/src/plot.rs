@@ -104,6 +104,9 @@ impl Axis {
     }
 }
 
+/// How many times as far a series reaches as the next one when it is cut.
+const LOUDER: f64 = 3.0;
+
 /// A second scale on the right: `right = left · factor`.
 #[derive(Clone, Debug)]
 pub struct RightAxis {
@@ -141,6 +144,29 @@ impl LinePlot {
             series: Vec::new(),
             size: [720.0, 420.0],
         }
+    }
+
+    /// Fits the vertical axis to the quieter series where others reach more than [`LOUDER`] times as far, which would leave of them a line along the
+    /// bottom; two series stay whole at the least. Answers names and ends of those that are cut.
+    pub fn cut_to_quieter(&mut self) -> Vec<(String, [f64; 2])> {
+        let values = |series: &Series| series.points.iter().map(|point| point[1]).filter(|y| y.is_finite()).collect::<Vec<f64>>();
+        let ends = |values: Vec<f64>| {
+            let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &y| [low.min(y), high.max(y)]);
+            (ends[0] <= ends[1]).then_some(ends)
+        };
+        let reach = |[low, high]: [f64; 2]| low.abs().max(high.abs());
+        let mut found: Vec<(String, [f64; 2])> =
+            self.series.iter().filter_map(|series| Some((series.name.clone(), ends(values(series))?))).collect();
+        found.sort_by(|a, b| reach(b.1).total_cmp(&reach(a.1)));
+        let louder = |pair: &[(String, [f64; 2])]| reach(pair[1].1) > 0.0 && reach(pair[0].1) > LOUDER * reach(pair[1].1);
+        let cut = (1..found.len().saturating_sub(1)).rev().find(|&cut| louder(&found[cut - 1..=cut])).unwrap_or(0);
+        let rest = found.split_off(cut);
+        if cut > 0 {
+            let [low, high] = rest.iter().fold([0.0f64; 2], |[low, high], (_, ends)| [low.min(ends[0]), high.max(ends[1])]);
+            let margin = 0.05 * (high - low);
+            self.y.range = Some([if low < 0.0 { low - margin } else { low }, high + margin]);
+        }
+        found
     }
 
     /// Whether no series has a point that can be drawn.

@@ -78,3 +78,21 @@ fn colours_run_from_dark_to_light_and_clip() {
     let steps: Vec<f64> = (0..=64).map(|i| light(f64::from(i) / 64.0)).collect();
     assert!(steps.windows(2).all(|w| w[1] > w[0] - 0.5), "lightness must not fall");
 }
+
+#[test]
+fn a_series_that_drowns_the_others_is_cut_and_named() {
+    let line = |name: &str, n, most: f64| Series::line(name, n, vec![[0.0, 0.0], [1.0, most], [2.0, -0.5 * most]]);
+    let plot = |peaks: &[f64]| {
+        let mut plot = LinePlot::new("pressure", "t [s]", "p [Pa]");
+        plot.series.extend(peaks.iter().enumerate().map(|(n, &most)| line(&format!("m{n}"), n, most)));
+        plot
+    };
+    let mut loud = plot(&[40.0, 700.0, 50.0, 90.0]);
+    assert_eq!(loud.cut_to_quieter(), [("m1".to_owned(), [-350.0, 700.0])]);
+    // The next one goes from -45 to 90; a twentieth of that on both sides.
+    assert_eq!(loud.y.range, Some([-51.75, 96.75]));
+    for whole in [&[700.0, 40.0][..], &[120.0, 90.0, 50.0], &[700.0, 0.0, 0.0], &[]] {
+        let mut plot = plot(whole);
+        assert!(plot.cut_to_quieter().is_empty() && plot.y.range.is_none(), "{whole:?}");
+    }
+}

@@ -54,9 +54,12 @@ impl Report<'_> {
                 silent.push((*name).to_owned());
                 continue;
             }
-            let caption = format!(
+            let mut caption = format!(
                 "Raw pressure at {name}, neither smoothed nor thinned. The height of single spikes is noise as much as impact: compare the means, too."
             );
+            for (name, [low, high]) in plot.cut_to_quieter() {
+                caption += &format!(" The picture is cut: {name} goes from {} to {} Pa.", number(low), number(high));
+            }
             figures.push(Figure { name: format!("probe-{}-{}", i + 1, file_name(name)), svg: plot.svg(), caption });
         }
         blocks.extend(self.not_drawn("probe", "probes.csv", &names));
