@@ -146,7 +146,7 @@ impl LinePlot {
         }
     }
 
-    /// Fits the vertical axis to the quieter series where others reach more than [`LOUDER`] times as far, which would leave of them a line along the
+    /// Fits the vertical axis to the quieter series where others reach more than three times as far, which would leave of them a line along the
     /// bottom; two series stay whole at the least. Answers names and ends of those that are cut.
     pub fn cut_to_quieter(&mut self) -> Vec<(String, [f64; 2])> {
         let values = |series: &Series| series.points.iter().map(|point| point[1]).filter(|y| y.is_finite()).collect::<Vec<f64>>();
