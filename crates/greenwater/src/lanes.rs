@@ -15,7 +15,7 @@ pub(crate) mod singles;
 use self::portable::Portable;
 use self::singles::Singles;
 
-pub(crate) use self::listed::{Listed, Octets, Record, keep};
+pub(crate) use self::listed::{Listed, Octets, Record};
 
 /// Neighbours that lists keep together, and numbers in a record.
 pub(crate) const LANES: usize = 8;

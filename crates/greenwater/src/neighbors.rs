@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::lanes::singles::{Singles, WIDE};
-use crate::lanes::{InstructionSet, Job, LANES, Lanes, Listed, Octets, Record, Totals, dispatch, keep};
+use crate::lanes::{InstructionSet, Job, LANES, Lanes, Listed, Octets, Record, Totals, dispatch};
 use crate::math::Vector;
 use crate::particles::{Kind, Particles};
-use crate::sweep::{BLOCK, replace, sweep, trim};
+use crate::sweep::{BLOCK, keep_ranges, replace, sweep, trim};
 
 /// How pairs are found. Every way finds the same pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -92,15 +92,13 @@ impl Segment {
         let start = if i == 0 { 0 } else { (self.ends[i - 1] as usize).next_multiple_of(LANES) };
         start..self.ends[i] as usize
     }
-}
 
-impl Segment {
     /// Keeps the neighbours of those particles of the segment that `keeps`, and their `values`.
     fn keep<T: Copy>(&mut self, values: &mut Vec<T>, keeps: impl Fn(usize) -> bool) {
         let whole = |i| self.range(i).start..(self.ends[i] as usize).next_multiple_of(LANES);
         let kept: Vec<_> = (0..self.ends.len()).filter(|&i| keeps(i)).map(whole).collect();
         self.list.keep(&kept);
-        keep(values, &kept);
+        keep_ranges(values, &kept);
         let (mut start, mut length) = (0, 0);
         for (i, end) in self.ends.iter_mut().enumerate() {
             let more = *end as usize - start;

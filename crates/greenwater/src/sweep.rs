@@ -87,6 +87,17 @@ pub(crate) fn fit<T: Clone>(column: &mut Vec<T>, n: usize, value: T) {
     column.resize(n, value);
 }
 
+/// Keeps the entries of `ranges`, which are in order, one behind the other, and gives back the room of all others.
+pub(crate) fn keep_ranges<T: Copy>(column: &mut Vec<T>, ranges: &[std::ops::Range<usize>]) {
+    let mut length = 0;
+    for range in ranges {
+        column.copy_within(range.clone(), length);
+        length += range.len();
+    }
+    column.truncate(length);
+    column.shrink_to_fit();
+}
+
 /// Gives back most of the room that a column which grew by doubling does not use.
 pub(crate) fn trim<T>(column: &mut Vec<T>) {
     if column.capacity() > column.len() + column.len() / 8 {

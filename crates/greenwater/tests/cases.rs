@@ -310,6 +310,11 @@ fn bad_values_are_named_with_line_value_and_rule() {
         ),
         (
             "{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }",
+            "{ difference = { of = { box = [0, 0, 1, 1] }, minus = [] } }",
+            "dam.toml:7: `fluid.shapes[0].difference.of.box` has a value of the wrong type: list, expected a table, with keys such as `box.min`",
+        ),
+        (
+            "{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }",
             "\"box\"",
             "dam.toml:7: `fluid.shapes[0].box` has a value of the wrong type: a name alone, expected a table",
         ),
@@ -595,6 +600,10 @@ fn a_table_of_particles_arrives_as_it_is() {
     assert_eq!(both.particles.id[3], 10);
     let close = load(&case, &[("walls.shapes", &tank.replace("-0.2", "0.1"))]).unwrap().checked().unwrap_err().to_string();
     assert!(close.contains("`fluid.from_file` and `walls.shapes[0]` overlap"), "{close}");
+
+    let fluid = [("fluid.shapes", "[{ box = { min = [0.0, 0.0], max = [0.5, 1.0] } }]")];
+    let twice = load(&case, &fluid).unwrap().checked().unwrap_err().to_string();
+    assert!(twice.contains("`fluid.shapes` is a list of 1, but must be left out where `fluid.from_file` is given"), "{twice}");
 }
 
 #[test]

@@ -26,6 +26,14 @@ pub(super) fn impact_json(impact: &Impact) -> Value {
     })
 }
 
+/// Cuts a plot to the series that others drown; says so, with a space ahead.
+fn cut_to_quieter(plot: &mut LinePlot, unit: &str) -> String {
+    let said = |(name, [low, high]): (String, [f64; 2])| {
+        format!(" The picture is cut: {name} goes from {} to {} {unit}.", number(low), number(high))
+    };
+    plot.cut_to_quieter().into_iter().map(said).collect()
+}
+
 impl Report<'_> {
     pub(super) fn pressures(&self) -> Vec<Block> {
         let mut names: Vec<&str> = Vec::new();
@@ -54,12 +62,10 @@ impl Report<'_> {
                 silent.push((*name).to_owned());
                 continue;
             }
-            let mut caption = format!(
-                "Raw pressure at {name}, neither smoothed nor thinned. The height of single spikes is noise as much as impact: compare the means, too."
+            let caption = format!(
+                "Raw pressure at {name}, neither smoothed nor thinned. The height of single spikes is noise as much as impact: compare the means, too.{}",
+                cut_to_quieter(&mut plot, "Pa")
             );
-            for (name, [low, high]) in plot.cut_to_quieter() {
-                caption += &format!(" The picture is cut: {name} goes from {} to {} Pa.", number(low), number(high));
-            }
             figures.push(Figure { name: format!("probe-{}-{}", i + 1, file_name(name)), svg: plot.svg(), caption });
         }
         blocks.extend(self.not_drawn("probe", "probes.csv", &names));
@@ -113,7 +119,7 @@ impl Report<'_> {
                     plot.series.extend(reference_series(reference, k, 1.0, 1.0));
                 }
                 if !plot.is_empty() {
-                    let caption = format!("The {kind} {name} as recorded.");
+                    let caption = format!("The {kind} {name} as recorded.{}", cut_to_quieter(&mut plot, unit));
                     figures.push(Figure { name: format!("{kind}-{}", file_name(name)), svg: plot.svg(), caption });
                 }
             }

@@ -126,8 +126,7 @@ impl Source {
     fn check_sections(&self, path: &str, table: &toml::Table) -> Result<(), CaseError> {
         table.iter().try_for_each(|(name, value)| {
             let key = join(path, name);
-            let is_shape = path.ends_with(']') && path.contains("shapes[");
-            let first = if is_shape { first_key(&format!("shape.{name}")) } else { first_key(&key) };
+            let first = if path.contains("shapes[") { first_key(&format!("shape.{name}")) } else { first_key(&key) };
             match (value, first) {
                 (Value::Table(inner), _) => self.check_sections(&key, inner),
                 (Value::Array(_), Some(first)) => {
@@ -135,8 +134,8 @@ impl Source {
                     Err(CaseError::WrongType { place: self.place(&key), key, problem })
                 }
                 (Value::Array(items), None) => {
-                    let tables = items.iter().enumerate().filter_map(|(i, item)| Some((i, item.as_table()?)));
-                    tables.into_iter().try_for_each(|(i, item)| self.check_sections(&format!("{key}[{i}]"), item))
+                    let mut tables = items.iter().enumerate().filter_map(|(i, item)| Some((i, item.as_table()?)));
+                    tables.try_for_each(|(i, item)| self.check_sections(&format!("{key}[{i}]"), item))
                 }
                 _ => Ok(()),
             }

@@ -1,6 +1,7 @@
 //! Records of particles, and lists of their rows by eights.
 
 use super::{LANES, Lanes};
+use crate::sweep::keep_ranges;
 
 /// What a sum over pairs reads of a particle: one line of the cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,17 +34,6 @@ pub(crate) struct Octets {
     bound: Option<usize>,
 }
 
-/// Keeps the entries of `ranges`, which are in order, one behind the other, and gives back the room of all others.
-pub(crate) fn keep<T: Copy>(column: &mut Vec<T>, ranges: &[std::ops::Range<usize>]) {
-    let mut length = 0;
-    for range in ranges {
-        column.copy_within(range.clone(), length);
-        length += range.len();
-    }
-    column.truncate(length);
-    column.shrink_to_fit();
-}
-
 /// Rows of records that are there: eight, or as many as a vector holds.
 #[derive(Clone, Copy)]
 pub(crate) struct Listed<'a> {
@@ -63,7 +53,7 @@ impl Octets {
     /// Keeps the rows of `ranges`, whole eights in order, one behind the other, and gives back the room of all others.
     pub fn keep(&mut self, ranges: &[std::ops::Range<usize>]) {
         self.room.truncate(self.length);
-        keep(&mut self.room, ranges);
+        keep_ranges(&mut self.room, ranges);
         self.length = self.room.len();
     }
 

@@ -298,6 +298,7 @@ impl Level {
         let mut square = Rows::default();
         square.product_of_level(to_next, a, from_next, work);
         square.slice_square(next);
+        // The ways take its room.
         drop(square);
         std::mem::take(from_next).slice(&mut self.from_next);
         std::mem::take(to_next).slice(&mut self.to_next);

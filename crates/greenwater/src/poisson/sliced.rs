@@ -187,7 +187,7 @@ impl Sliced {
             *block = Block { likely, ..Block::default() };
             *arms = ArmBlock::default();
         }
-        self.rows = 0;
+        (self.rows, self.entries) = (0, 0);
     }
 
     /// Gives each row `i` the diagonal `diagonal(i, Σ_j w_ij)`, positive.

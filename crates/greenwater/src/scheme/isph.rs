@@ -594,8 +594,7 @@ impl<const D: usize> Flow<D> {
     /// (5): shifting, and the displacement that brings back the density the step will have lost; in `self.shift`.
     fn rearrange(&mut self, p: &Particles<D>, dt: f64) {
         let owned = p.owned();
-        let mut shift = std::mem::take(&mut self.shift);
-        shift.resize(owned, Vector::ZERO);
+        let mut shift = vec![Vector::ZERO; owned];
         sweep(&mut shift, |a| if p.is_fluid(a) { self.shifting(p, a, dt) } else { Vector::ZERO });
         self.shift = shift;
         if self.settings.density_iterations == 0 {
@@ -795,8 +794,7 @@ impl<const D: usize> Flow<D> {
         // (6) x += Δt v + δx, v += δx·∇v; nothing passes a wall
         phases.measure("motion", || {
             self.let_go_of_matrix();
-            let mut moved = std::mem::take(&mut self.moved);
-            moved.resize(owned, Guarded::default());
+            let mut moved = vec![Guarded::default(); owned];
             sweep(&mut moved, |a| if p.is_fluid(a) { self.guarded(p, a, dt) } else { Guarded::at(p.x[a], p.v[a]) });
             let (medium, at) = ((self.medium.gravity, self.medium.spacing), &self.at);
             self.parts.keep_momentum(p, domain, |a| at[a].off_walls != Vector::ZERO, medium, (dt, kick), &mut moved);
