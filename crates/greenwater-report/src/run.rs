@@ -198,8 +198,10 @@ impl Reference {
 pub struct Probe {
     /// Name, as in the header of `probes.csv`.
     pub name: String,
-    /// Position, m.
+    /// Position at the start, m.
     pub position: Vec<f64>,
+    /// Name of the wall it goes along with, if any.
+    pub on: Option<String>,
 }
 
 /// Totals of a run: `summary.json`.

@@ -14,7 +14,7 @@ use crate::scheme::{Medium, StepReport};
 use crate::sweep::sweep;
 use crate::time::{Phases, StepLimit};
 
-pub use sensors::{Gauge, GaugeKind, Load, LoadMean, Sensor, Wrench, gauge_unit, reach};
+pub use sensors::{Gauge, GaugeKind, Load, LoadMean, Mount, Sensor, Wrench, gauge_unit, reach};
 
 /// A state of the run, as observers see it.
 #[derive(Clone, Copy)]

@@ -27,7 +27,7 @@ fn free() -> [MethodSettings; 4] {
         MethodSettings::Riemann(RiemannSettings { tensile_control, start_pressure, reference_speed, ..RiemannSettings::preset(WATER) }),
         MethodSettings::Edac(EdacSettings { tensile_control, start_pressure, reference_speed, ..EdacSettings::preset(WATER) }),
         MethodSettings::Rkpm(RkpmSettings { start_pressure, reference_speed, ..RkpmSettings::preset(WATER) }),
-        MethodSettings::Mlsph(MlsphSettings { start_pressure, reference_speed, ..MlsphSettings::preset(WATER) }),
+        MethodSettings::Mlsph(MlsphSettings(RkpmSettings { start_pressure, reference_speed, ..MlsphSettings::preset(WATER).0 })),
     ]
 }
 

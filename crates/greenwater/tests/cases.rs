@@ -731,6 +731,9 @@ fn instruments_are_checked() {
             "m from the nearest wall particle, but must be within 0.2600 m of the face of a wall or of the fluid",
         ),
         ("[\"paddle\"]", "[\"padle\"]", "`load[0].walls[0]` is \"padle\", which is unknown, did you mean `paddle`?"),
+        ("size = 0.2", "size = 0.2\non = \"padle\"", "`probe[0].on` is \"padle\", which is unknown, did you mean `paddle`?"),
+        ("name = \"paddle\", ", "", "`load[0].walls[0]` is \"paddle\", but must be the `name` of a wall shape"),
+        ("from = [0.4, 0.0]", "on = \"paddle\"\nfrom = [0.4, 0.0]", "`gauge[1].on` is given, but must be left out for a gauge of flow"),
         ("to = [0.4, 1.0]", "to = [0.4, 0.0]", "`gauge[1].to` is [0.4, 0.0], but must be another point than `from`"),
         ("position = [0.2, 0.1]\n", "", "`gauge[0].position` is left out, but must be given for a gauge of elevation"),
         ("name = \"q\"", "name = \"h\"", "`gauge[1].name` is \"h\", but must be unique"),
@@ -740,6 +743,21 @@ fn instruments_are_checked() {
         let message = parse(&text.replacen(from, to, 1)).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
+}
+
+/// A probe on the face of a paddle that swings by 25 mm, two fifths of a spacing and more: told of in `check`, unless it goes along.
+#[test]
+fn a_probe_that_its_wall_leaves_behind_is_told_of() {
+    let text = GOOD.replace("shapes = [{ tank", PADDLE).replace("position = [2.0, 0.1]", "position = [1.0, 0.1]");
+    let warnings = |text: &str| two_d(parse(text).unwrap()).audit().warnings.join("\n");
+    let told = "the probe `P1` stays where it is, while the wall beside it moves by up to 0.0500 m";
+    assert!(warnings(&text).contains(told), "{}", warnings(&text));
+    let along = text.replace("position = [1.0, 0.1]", "position = [1.0, 0.1]\non = \"paddle\"");
+    assert!(!warnings(&along).contains("stays where it is"), "{}", warnings(&along));
+    let setup = two_d(parse(&along).unwrap());
+    let mount = setup.probes[0].mount.as_ref().unwrap();
+    assert_eq!((mount.wall.as_str(), setup.particles.body[mount.id as usize]), ("paddle", 1));
+    assert_eq!(two_d(parse(&setup.resolved).unwrap()).probes, setup.probes);
 }
 
 #[test]

@@ -48,6 +48,7 @@ pub static CASES: &[Shipped] = shipped! {
     "elliptic-drop": [],
     "standing-wave": [],
     "solitary-wave": [],
+    "sloshing": ["side.csv", "tank.csv"],
     "hydraulic-jump": [],
     "colliding-patches": [],
     "jet": [],
@@ -425,6 +426,39 @@ mod tests {
                     panic!("{}, run {}: {error}", shipped.name, run.name);
                 }
             }
+        }
+    }
+
+    /// Force (over ρ g h²) on a tank that sways and pressure (over ρ g h) on its left side 0.1 m above the floor: formulas in `validation/sloshing/README.md`.
+    fn swaying(t: f64) -> (f64, f64) {
+        let (g, width, depth, amplitude, w) = (9.81, 1.0, 0.3, 0.01, 3.3);
+        let push = amplitude * w * w * f64::cos(w * t);
+        let (mut force, mut pressure) = (push, g * (depth - 0.1));
+        for n in (1..=41).step_by(2) {
+            let k = f64::from(n) * std::f64::consts::PI / width;
+            let (own, a) = ((g * k * (k * depth).tanh()).sqrt(), -4.0 / (k * k * width));
+            let c = -own * own * a * amplitude * w * w / (g * (own * own - w * w));
+            let level = c * ((w * t).cos() - (own * t).cos());
+            force -= c * (own * own * (own * t).cos() - w * w * (w * t).cos()) * 2.0 / (k * k * width * depth);
+            pressure += (g * level + push * a) * (0.1 * k).cosh() / (depth * k).cosh() - push * a;
+        }
+        (-force * width / (g * depth), pressure / (g * depth))
+    }
+
+    /// To the five digits of the tables.
+    #[test]
+    fn tables_of_sloshing_are_those_of_the_theory() {
+        let shipped = CASES.iter().find(|case| case.name == "sloshing").unwrap();
+        for (name, text) in shipped.tables {
+            let rows = text.lines().skip(2).map(|line| line.split_once(',').unwrap());
+            let mut count = 0;
+            for (t, value) in rows {
+                let (force, pressure) = swaying(t.parse().unwrap());
+                let exact = if *name == "tank.csv" { force } else { pressure };
+                assert!((value.parse::<f64>().unwrap() - exact).abs() <= 0.501e-5, "{name}, t = {t} s: {value} instead of {exact}");
+                count += 1;
+            }
+            assert_eq!(count, 121);
         }
     }
 

@@ -6,7 +6,7 @@ use super::{Report, file_name, reference_series};
 use crate::measure::{Impact, Measured};
 use crate::page::{Block, Cells, Figure, Table};
 use crate::plot::{LinePlot, RightAxis, Series};
-use crate::run::Reference;
+use crate::run::{Probe, Reference};
 use crate::words::{join, number, quantity};
 
 /// How the numbers of an impact are made.
@@ -46,9 +46,11 @@ impl Report<'_> {
         let (mut figures, mut silent) = (Vec::new(), Vec::new());
         for (i, name) in names.iter().enumerate() {
             let position = self.runs.iter().flat_map(|run| &run.provenance.probes).find(|probe| probe.name == *name);
-            let place = position
-                .filter(|p| !p.position.is_empty())
-                .map_or(String::new(), |p| format!(" at ({}) m", p.position.iter().map(|x| number(*x)).collect::<Vec<_>>().join(", ")));
+            let place = |p: &Probe| {
+                let along = p.on.as_ref().map_or(String::new(), |wall| format!(", with {wall}"));
+                format!(" at ({}) m{along}", p.position.iter().map(|x| number(*x)).collect::<Vec<_>>().join(", "))
+            };
+            let place = position.filter(|p| !p.position.is_empty()).map_or(String::new(), place);
             let mut plot = LinePlot::new(format!("Pressure at {name}{place}"), "time [s]", "pressure [Pa]");
             plot.size = if names.len() == 1 { [1100.0, 440.0] } else { [640.0, 420.0] };
             plot.right = self.pressure_scale().map(|scale| RightAxis { label: "fraction of \u{3c1}gH".into(), factor: 1.0 / scale });

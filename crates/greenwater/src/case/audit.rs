@@ -6,7 +6,9 @@ use super::setup::Setup;
 use super::shape::AXES;
 use crate::domain::Domain;
 use crate::kernel::KernelName;
+use crate::motion::Motion;
 use crate::neighbors::{Neighbors, Search};
+use crate::observe::Sensor;
 use crate::particles::{Kind, Particles};
 
 /// What was found.
@@ -78,6 +80,7 @@ impl<const D: usize> Setup<D> {
                 ));
             }
         }
+        warnings.extend(self.left_behind());
         if closest < 0.5 * dx {
             warnings.push(format!("two particles are only {:.3} spacings apart: expect a violent start", closest / dx));
         }
@@ -95,6 +98,28 @@ impl<const D: usize> Setup<D> {
             spacings(fluid_to_wall)
         );
         Audit { closest, fluid_to_wall, fluid_mass, text, warnings }
+    }
+
+    /// A sentence for each probe that stays where it is while the wall beside it moves away.
+    fn left_behind(&self) -> Vec<String> {
+        let (dx, p) = (self.spacing, &self.particles);
+        let path = |motion: &Motion<D>| {
+            let (least, most) = motion.path(self.time.end);
+            (motion.body, (most - least).norm())
+        };
+        let paths: Vec<(u16, f64)> = self.motions.iter().map(path).collect();
+        let gone = |sensor: &Sensor<D>| {
+            let is_beside = |a: usize| self.bounds.periods().nearest(p.x[a] - sensor.position).norm() < dx;
+            let of =
+                |&(body, path): &(u16, f64)| (path > 0.1 * dx && (0..p.owned()).any(|a| p.body[a] == body && is_beside(a))).then_some(path);
+            paths.iter().find_map(of).map(|path| {
+                format!(
+                    "the probe `{}` stays where it is, while the wall beside it moves by up to {path:.4} m: with `on` and the name of that wall it goes along",
+                    sensor.name
+                )
+            })
+        };
+        self.probes.iter().filter(|sensor| sensor.mount.is_none()).filter_map(gone).collect()
     }
 }
 

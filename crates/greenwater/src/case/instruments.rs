@@ -9,7 +9,7 @@ use super::{CaseError, error::Choices};
 use crate::formula::Formula;
 use crate::math::Vector;
 use crate::motion::Motion;
-use crate::observe::{Gauge, GaugeKind, Load, Sensor, reach};
+use crate::observe::{Gauge, GaugeKind, Load, Mount, Sensor, reach};
 use crate::particles::{Kind, Particles};
 use crate::scheme::Medium;
 
@@ -122,6 +122,36 @@ fn position<const D: usize>(numbers: &[f64], key: &str, bounds: &Bounds<D>, sour
     Ok(position)
 }
 
+/// The number, from 1, of the wall shape that the name at `key` means.
+fn body(name: &str, key: &str, s: &Sections, source: &Source) -> Result<u16, CaseError> {
+    let known = || s.walls.shapes.iter().zip(1..).filter_map(|(wall, body)| Some((wall.name.as_deref()?, body)));
+    if let Some((_, body)) = known().find(|(known, _)| *known == name) {
+        return Ok(body);
+    }
+    if known().next().is_none() {
+        let rule = "the `name` of a wall shape; give the walls names: { name = \"gate\", box = { ... } }";
+        return Err(source.broken(key, format!("{name:?}"), rule));
+    }
+    let choices = Choices::new(name, known().map(|(name, _)| name));
+    Err(CaseError::UnknownChoice { place: source.place(key), key: key.to_owned(), value: name.to_owned(), choices })
+}
+
+/// What the wall named at `key`, if any, takes along.
+fn mount<const D: usize>(
+    name: Option<&str>,
+    key: &str,
+    s: &Sections,
+    particles: &Particles<D>,
+    source: &Source,
+) -> Result<Option<Mount<D>>, CaseError> {
+    let Some(wall) = name else { return Ok(None) };
+    let body = body(wall, key, s, source)?;
+    match (0..particles.owned()).find(|&a| particles.body[a] == body) {
+        Some(a) => Ok(Some(Mount { wall: wall.to_owned(), id: particles.id[a], start: particles.x[a] })),
+        None => Err(source.broken(key, format!("{wall:?}"), "the name of a wall at least a spacing thick; this one has no particle")),
+    }
+}
+
 pub(super) fn sensors<const D: usize>(
     s: &Sections,
     bounds: &Bounds<D>,
@@ -158,7 +188,8 @@ pub(super) fn sensors<const D: usize>(
                 near.check(end, &format!("{} m, with its rim at ", probe.size), &key("size"))?;
             }
         }
-        sensors.push(Sensor::new(probe.name.clone(), place, probe.size, normal, medium.spacing).in_box(bounds.periods()));
+        let mount = mount(probe.on.as_deref(), &key("on"), s, particles, source)?;
+        sensors.push(Sensor::new(probe.name.clone(), place, probe.size, normal, medium.spacing).in_box(bounds.periods()).on(mount));
     }
     Ok(sensors)
 }
@@ -212,7 +243,13 @@ impl<const D: usize> Near<'_, D> {
     }
 }
 
-pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, source: &Source) -> Result<Vec<Gauge<D>>, CaseError> {
+pub(super) fn gauges<const D: usize>(
+    s: &Sections,
+    bounds: &Bounds<D>,
+    particles: &Particles<D>,
+    dx: f64,
+    source: &Source,
+) -> Result<Vec<Gauge<D>>, CaseError> {
     check_names("gauge", s.gauge.iter().map(|gauge| &gauge.name), source)?;
     let mut gauges = Vec::new();
     for (i, gauge) in s.gauge.iter().enumerate() {
@@ -230,12 +267,14 @@ pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, 
             unused(&gauge.to, "to", kind)?;
             needed(&gauge.position, "position", kind)
         };
-        let name = gauge.name.clone();
+        let (name, periods) = (gauge.name.clone(), bounds.periods());
+        let mount = mount(gauge.on.as_deref(), &key("on"), s, particles, source)?;
         gauges.push(match gauge.quantity {
-            GaugeQuantity::Elevation => Gauge { name, kind: GaugeKind::Elevation(upright("elevation")?), periods: bounds.periods() },
-            GaugeQuantity::Depth => Gauge { name, kind: GaugeKind::Depth(upright("depth")?), periods: bounds.periods() },
+            GaugeQuantity::Elevation => Gauge { name, kind: GaugeKind::Elevation(upright("elevation")?), periods, mount },
+            GaugeQuantity::Depth => Gauge { name, kind: GaugeKind::Depth(upright("depth")?), periods, mount },
             GaugeQuantity::Flow => {
                 unused(&gauge.position, "position", "flow")?;
+                source.rule(mount.is_none(), &key("on"), "given", "left out for a gauge of flow")?;
                 let (from, to) = (needed(&gauge.from, "from", "flow")?, needed(&gauge.to, "to", "flow")?);
                 let span = to - from;
                 let flat = (0..D).filter(|&d| span[d] == 0.0).count();
@@ -254,7 +293,7 @@ pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, 
                     "so near to `from` that at most {MOST_PLACES} places at half a spacing lie between them; here there are {places:e}"
                 );
                 source.rule(places <= MOST_PLACES, &key("to"), format!("{:?}", to.0), rule)?;
-                Gauge::flow(name, (from, to), dx, bounds.periods())
+                Gauge::flow(name, (from, to), dx, periods)
             }
         });
     }
@@ -263,24 +302,10 @@ pub(super) fn gauges<const D: usize>(s: &Sections, bounds: &Bounds<D>, dx: f64, 
 
 pub(super) fn loads<const D: usize>(s: &Sections, source: &Source) -> Result<Vec<Load<D>>, CaseError> {
     check_names("load", s.load.iter().map(|load| &load.name), source)?;
-    let known: Vec<(&str, u16)> = s.walls.shapes.iter().zip(1..).filter_map(|(wall, body)| Some((wall.name.as_deref()?, body))).collect();
     let mut loads = Vec::new();
     for (i, load) in s.load.iter().enumerate() {
-        let mut bodies = Vec::new();
-        for (k, name) in load.walls.iter().enumerate() {
-            let key = format!("load[{i}].walls[{k}]");
-            match known.iter().find(|(known, _)| known == name) {
-                Some(&(_, body)) => bodies.push(body),
-                None if known.is_empty() => {
-                    let rule = "the `name` of a wall shape; give the walls names: { name = \"gate\", box = { ... } }";
-                    return Err(source.broken(&key, format!("{name:?}"), rule));
-                }
-                None => {
-                    let choices = Choices::new(name, known.iter().map(|(name, _)| *name));
-                    return Err(CaseError::UnknownChoice { place: source.place(&key), key, value: name.clone(), choices });
-                }
-            }
-        }
+        let walls = load.walls.iter().enumerate();
+        let bodies = walls.map(|(k, name)| body(name, &format!("load[{i}].walls[{k}]"), s, source)).collect::<Result<_, _>>()?;
         source.rule(!s.walls.shapes.is_empty(), &format!("load[{i}].walls"), "without walls", "in a case with `walls.shapes`")?;
         let about = load.about.as_ref().map_or(Ok(Vector::ZERO), |x| vector(x, &format!("load[{i}].about"), source))?;
         loads.push(Load { name: load.name.clone(), bodies, about });

@@ -244,6 +244,10 @@ pub struct Probe {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("rule" = "not zero"))]
     pub normal: Option<Vec<f64>>,
+    /// Name of a wall that it goes along with; left out: it stays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("rule" = "a name of `walls.shapes`"))]
+    pub on: Option<String>,
 }
 
 /// A line along which the water level or the flow is recorded.
@@ -269,6 +273,10 @@ pub struct Gauge {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("unit" = "m", "rule" = "another point than `from`"))]
     pub to: Option<Vec<f64>>,
+    /// Name of a wall that a gauge of elevation or depth goes along with; left out: it stays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("rule" = "a name of `walls.shapes`"))]
+    pub on: Option<String>,
 }
 
 /// What a gauge records.

@@ -309,7 +309,7 @@ impl<const D: usize> Setup<D> {
             };
             probes = probes.into_iter().map(|sensor| if on_wall(&sensor) { sensor.without_suction() } else { sensor }).collect();
         }
-        let gauges = instruments::gauges(s, &bounds, dx, source)?;
+        let gauges = instruments::gauges(s, &bounds, &particles, dx, source)?;
         let loads = instruments::loads(s, source)?;
         let compare = compare_plan::<D>(s, source)?;
         let output = output_plan(s, &compare, source)?;

@@ -40,7 +40,7 @@ impl<'de> Deserialize<'de> for Written {
 /// A wall of a case: a shape, and what else may stand beside it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WallShape {
-    /// Its name in `load.walls`.
+    /// Its name in `load.walls`, `probe.on` and `gauge.on`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Its velocity as formulas of the time `t` in s, m/s, one an axis; left out: at rest.
@@ -56,7 +56,7 @@ pub struct WallShape {
 
 /// The keys beside the shape, with kind, unit, rule and text.
 const KEYS: [(&str, &str, &str, &str, &str); 3] = [
-    ("name", "text", "", "letters, digits, `.`, `_`, `-`; unique", "Its name in `load.walls`."),
+    ("name", "text", "", "letters, digits, `.`, `_`, `-`; unique", "Its name in `load.walls`, `probe.on` and `gauge.on`."),
     (
         "velocity",
         "list of formulas",

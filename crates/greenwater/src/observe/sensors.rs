@@ -21,16 +21,37 @@ fn share<const D: usize>(p: &Particles<D>, medium: &Medium<D>, a: usize, away: V
     volume * Kernel::<D>::w(WendlandC2, away.norm(), SMOOTHING * medium.spacing)
 }
 
+/// The wall that an instrument goes along with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mount<const D: usize> {
+    /// Name of the wall.
+    pub wall: String,
+    /// [`Particles::id`] of one of its particles: all of them go the same way.
+    pub id: u32,
+    /// Where that particle is at the start, m.
+    pub start: Vector<D>,
+}
+
+impl<const D: usize> Mount<D> {
+    /// How far the wall has gone since the start, m; in a box that repeats, to the nearest image.
+    fn shift(mount: Option<&Self>, p: &Particles<D>, periods: Periods<D>) -> Vector<D> {
+        let gone = |mount: &Self| (0..p.owned()).find(|&a| p.id[a] == mount.id).map(|a| periods.nearest(p.x[a] - mount.start));
+        mount.and_then(gone).unwrap_or(Vector::ZERO)
+    }
+}
+
 /// A sensor of finite size on a wall, that tells the pressure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor<const D: usize> {
     /// Its name in tables and reports.
     pub name: String,
-    /// Its middle, m.
+    /// Its middle at the start, m.
     pub position: Vector<D>,
     /// Width of the strip (2D) or diameter of the disc (3D), m; 0: a point.
     pub size: f64,
-    /// Where the pressure is evaluated, m: every half spacing over the sensor, at least its middle.
+    /// The wall it goes along with, if any.
+    pub mount: Option<Mount<D>>,
+    /// Where the pressure is evaluated, at the start, m: every half spacing over the sensor, at least its middle.
     points: Vec<Vector<D>>,
     /// The least pressure that reaches it, Pa.
     least: f64,
@@ -49,12 +70,17 @@ impl<const D: usize> Sensor<D> {
         } else {
             vec![position]
         };
-        Self { name, position, size, points, least: f64::NEG_INFINITY, periods: Periods::NONE }
+        Self { name, position, size, mount: None, points, least: f64::NEG_INFINITY, periods: Periods::NONE }
     }
 
     /// The same sensor in a box that repeats: it feels images as well.
     pub fn in_box(self, periods: Periods<D>) -> Self {
         Self { periods, ..self }
+    }
+
+    /// The same sensor on a wall that moves.
+    pub fn on(self, mount: Option<Mount<D>>) -> Self {
+        Self { mount, ..self }
     }
 
     /// The places of its rim, m, that lie farthest from each other: two in 2D, four in 3D.
@@ -83,10 +109,11 @@ impl<const D: usize> Sensor<D> {
     pub fn pressure(&self, p: &Particles<D>, medium: &Medium<D>) -> f64 {
         let reach = reach(medium);
         let around = reach + 0.5 * self.size;
-        let near: Vec<usize> = (0..p.owned())
-            .filter(|&a| p.is_fluid(a) && self.periods.nearest(p.x[a] - self.position).norm_squared() < around * around)
-            .collect();
-        let sum: f64 = self.points.iter().map(|&y| self.pressure_at(p, medium, &near, y, reach)).sum();
+        let shift = Mount::shift(self.mount.as_ref(), p, self.periods);
+        let middle = self.position + shift;
+        let near: Vec<usize> =
+            (0..p.owned()).filter(|&a| p.is_fluid(a) && self.periods.nearest(p.x[a] - middle).norm_squared() < around * around).collect();
+        let sum: f64 = self.points.iter().map(|&y| self.pressure_at(p, medium, &near, y + shift, reach)).sum();
         sum / self.points.len() as f64
     }
 
@@ -172,14 +199,16 @@ pub struct Gauge<const D: usize> {
     pub kind: GaugeKind<D>,
     /// What repeats of the box it stands in: images of particles count.
     pub periods: Periods<D>,
+    /// The wall that a gauge of elevation or depth goes along with, if any.
+    pub mount: Option<Mount<D>>,
 }
 
 /// What a [`Gauge`] tells.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GaugeKind<const D: usize> {
-    /// Height of the highest water on the line through this point (m) along gravity, above the lowest fluid at the start, m.
+    /// Height of the highest water on the line through this point (at the start, m) along gravity, above the lowest fluid at the start, m.
     Elevation(Vector<D>),
-    /// Length of the line through this point (m) along gravity that is under water, m: what a wire probe tells. Drops in the air
+    /// Length of the line through this point (at the start, m) along gravity that is under water, m: what a wire probe tells. Drops in the air
     /// above count with their own size only.
     Depth(Vector<D>),
     /// Flow through a line or rectangle, m³/s (m²/s in 2D).
@@ -214,7 +243,7 @@ impl<const D: usize> Gauge<D> {
                 points = points.iter().flat_map(|&x| places.iter().map(move |&s| x + s * Vector::unit(d))).collect();
             }
         }
-        Self { name, kind: GaugeKind::Flow { points, normal, piece }, periods }
+        Self { name, kind: GaugeKind::Flow { points, normal, piece }, periods, mount: None }
     }
 
     /// How many places a gauge of the flow from `from` to `to` (m) is evaluated at.
@@ -225,9 +254,13 @@ impl<const D: usize> Gauge<D> {
 
     /// What it tells now, in the unit of its kind.
     pub fn value(&self, p: &Particles<D>, medium: &Medium<D>) -> f64 {
+        let column = |start: Vector<D>| {
+            let point = start + Mount::shift(self.mount.as_ref(), p, self.periods);
+            Column::of(p, medium, point, self.periods)
+        };
         match &self.kind {
-            GaugeKind::Elevation(point) => Column::of(p, medium, *point, self.periods).elevation(),
-            GaugeKind::Depth(point) => Column::of(p, medium, *point, self.periods).depth(),
+            GaugeKind::Elevation(start) => column(*start).elevation(),
+            GaugeKind::Depth(start) => column(*start).depth(),
             GaugeKind::Flow { points, normal, piece } => flow(p, medium, points, *normal, self.periods) * piece,
         }
     }
@@ -541,6 +574,23 @@ mod tests {
         assert!((told - 221.0).abs() < 1e-9 * 500.0, "{told}");
     }
 
+    /// The whole tank goes 0.83 m along x: what goes along with it tells what it told before, what stays is left behind. 1e-9 of the
+    /// pressure, and of a metre: round-off of other positions.
+    #[test]
+    fn instruments_go_along_with_their_wall() {
+        let mut p = tank::<2>();
+        let wall = (0..p.owned()).find(|&a| p.kind[a] == Kind::Wall).unwrap();
+        let mount = Some(Mount { wall: "tank".into(), id: p.id[wall], start: p.x[wall] });
+        let sensor = Sensor::new("p".into(), Vector([0.0, 0.3]), 0.1, Vector([1.0, 0.0]), DX);
+        let depth = gauge(GaugeKind::Depth(Vector([0.1, 0.2])));
+        let before = (sensor.pressure(&p, &medium()), depth.value(&p, &medium()));
+        p.x.iter_mut().for_each(|x| x[0] += 0.83);
+        assert_eq!((sensor.pressure(&p, &medium()), depth.value(&p, &medium())), (0.0, 0.0));
+        let (sensor, depth) = (sensor.on(mount.clone()), Gauge { mount, ..depth });
+        let after = (sensor.pressure(&p, &medium()), depth.value(&p, &medium()));
+        assert!((after.0 - before.0).abs() < 1e-9 * 1e4 && (after.1 - before.1).abs() < 1e-9, "{before:?}, then {after:?}");
+    }
+
     #[test]
     fn a_dry_sensor_tells_nothing_and_a_sheet_its_mean() {
         let p = tank::<2>();
@@ -572,7 +622,7 @@ mod tests {
     }
 
     fn gauge<const D: usize>(kind: GaugeKind<D>) -> Gauge<D> {
-        Gauge { name: "h".into(), kind, periods: Periods::NONE }
+        Gauge { name: "h".into(), kind, periods: Periods::NONE, mount: None }
     }
 
     /// Water without side walls that repeats along x: what stands on the seam tells what the same instrument tells in the middle, but
@@ -586,7 +636,7 @@ mod tests {
             p.push(a as u32, Particle { kind, layer, x, v, mass, density: 1000.0, pressure: tank.pressure[a], h: tank.h[a] });
         }
         let periods = Periods::of(Vector([0.0, -1.0]), Vector([1.0, 3.0]), [true, false]);
-        let on = |kind: GaugeKind<2>| Gauge { name: "h".into(), kind, periods }.value(&p, &medium());
+        let on = |kind: GaugeKind<2>| Gauge { name: "h".into(), kind, periods, mount: None }.value(&p, &medium());
         for x in [0.0, 0.5, 1.0] {
             let level = on(GaugeKind::Elevation(Vector([x, 0.2])));
             let depth = on(GaugeKind::Depth(Vector([x, 0.2])));

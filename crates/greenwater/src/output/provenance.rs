@@ -5,15 +5,18 @@ use serde_json::{Value, json};
 use crate::case::Setup;
 use crate::machine::Machine;
 use crate::math::Vector;
-use crate::observe::gauge_unit;
+use crate::observe::{Sensor, gauge_unit};
 use crate::particles::Particles;
 
 /// What `provenance.json` says. `command` is the command line, word by word.
 pub(super) fn provenance<const D: usize>(setup: &Setup<D>, command: &[String], started: &str) -> Value {
     let (min, max) = extent(&setup.particles);
     let references: Vec<Value> = setup.compare.references.iter().map(|reference| json!(reference)).collect();
-    let probes: Vec<Value> =
-        setup.probes.iter().map(|probe| json!({"name": probe.name, "position": probe.position.0.to_vec(), "size": probe.size})).collect();
+    let probe = |probe: &Sensor<D>| {
+        let on = probe.mount.as_ref().map(|mount| &mount.wall);
+        json!({"name": probe.name, "position": probe.position.0.to_vec(), "size": probe.size, "on": on})
+    };
+    let probes: Vec<Value> = setup.probes.iter().map(probe).collect();
     let gauges: Vec<Value> = setup.gauges.iter().map(|gauge| json!({"name": gauge.name, "unit": gauge_unit(&gauge.kind)})).collect();
     let loads: Vec<Value> = setup.loads.iter().map(|load| json!({"name": load.name, "about": load.about.0.to_vec()})).collect();
     let mut value = json!({

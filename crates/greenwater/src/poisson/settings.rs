@@ -46,19 +46,19 @@ pub enum PreconditionerKind {
     Multigrid,
 }
 
-/// How `A p = b` is solved. The default fits symmetric pressure equations of 10³ to 10⁵ unknowns.
+/// How `A p = b` is solved. The default, conjugate gradients with IC(0) to a residual of 1e-6, fits symmetric pressure equations of 10³ to 10⁵ unknowns.
 #[derive(Serialize, Deserialize, JsonSchema, Clone, Debug, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSettings {
-    /// Method; default `cg`.
+    /// Method.
     pub method: SolverMethod,
-    /// Preconditioner; default `ic0`.
+    /// Preconditioner.
     pub preconditioner: PreconditionerKind,
-    /// Largest relative true residual `|b − A p| / |b|` of a solution, dimensionless, in (0, 1); default `1e-6`.
+    /// Largest relative true residual `|b − A p| / |b|` of a solution, dimensionless, in (0, 1).
     pub tolerance: f64,
-    /// Most iterations of one solve, at least 1; default 2000. Gauss stops refining after 10.
+    /// Most iterations of one solve, at least 1. Gauss stops refining after 10.
     pub max_iterations: usize,
-    /// Krylov vectors kept by GMRES before it restarts, at least 1; default 30. Memory: `8 n (restart + 1)` bytes.
+    /// Krylov vectors kept by GMRES before it restarts, at least 1. Memory: `8 n (restart + 1)` bytes.
     pub restart: usize,
 }
 

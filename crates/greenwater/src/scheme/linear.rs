@@ -136,154 +136,64 @@ impl Relative for RkpmSettings {
     }
 
     fn dissipation(&self) -> [String; 2] {
-        dissipation(self.delta, self.alpha)
+        [format!("linear kernels, diffusion delta = {}", self.delta), format!("artificial, alpha = {}", self.alpha)]
     }
 
     fn own_departures(&self) -> Vec<String> {
-        departures()
+        vec![
+            "particles are the quadrature points of Galerkin's form, which makes forces equal and opposite in a pair".to_owned(),
+            "particles are shifted, density diffuses".to_owned(),
+        ]
     }
 }
 
-/// Parameters of the method `mlsph`.
+/// Parameters of the method `mlsph`: those of `rkpm`, with densities fitted anew at each step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct MlsphSettings {
-    /// Where the defaults come from; both presets are the same here.
-    pub preset: Preset,
-    /// Speed of sound over the reference speed, dimensionless, >= 1: 10 keeps the density within 1 % (Monaghan 1994).
-    pub sound_factor: f64,
-    /// Greatest speed to expect, m/s; left out: `2 sqrt(g H)`, or the greatest speed at the start or of a wall at any time
-    /// if that is more.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub reference_speed: Option<f64>,
-    /// What density diffusion leaves alone.
-    pub diffusion: Diffusion,
-    /// Strength `δ` of density diffusion, dimensionless, >= 0.
-    pub delta: f64,
-    /// Artificial viscosity `α`, dimensionless, >= 0: `α h c0/(2 (D + 2))` m²/s, less that of the fluid, on what of an approach of two particles the
-    /// flow around them does not explain.
-    pub alpha: f64,
-    /// Strength of particle shifting, dimensionless, >= 0; 1 is that of Sun et al. (2017).
-    pub shifting: f64,
-    /// Share of a lack of volume inside the fluid that is closed while the fastest fluid moves by `h`, dimensionless, >= 0.
-    pub volume_control: f64,
-    /// Where new densities come from, now and then.
-    pub density_reset: DensityReset,
-    /// Steps from one new density to the next, >= 1.
-    pub density_reset_every: u64,
-    /// How wall particles get their pressure.
-    pub wall_pressure: WallPressure,
-    /// How fluid slides along walls.
-    pub wall_slip: WallSlip,
-    /// Whether walls can pull.
-    pub wall_suction: WallSuction,
-    /// Pressure at the start; left out: `given` for particles from a file, `written` where the case gives a
-    /// pressure, else `released`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub start_pressure: Option<StartPressure>,
-    /// How sound is stepped.
-    pub stepping: Stepping,
-    /// Share of `h/(c0 + v)` that a sound step takes, dimensionless, in (0, 1].
-    pub acoustic_courant: f64,
-    /// How pairs are found.
-    pub search: Search,
-}
+#[serde(transparent)]
+pub struct MlsphSettings(pub RkpmSettings);
 
 impl MlsphSettings {
     /// The defaults of `preset`.
     pub fn preset(preset: Preset) -> Self {
-        let parent = DeltaSphSettings::preset(preset);
-        Self {
-            preset,
-            sound_factor: parent.sound_factor,
-            reference_speed: None,
-            diffusion: Diffusion::Fourtakas,
-            delta: 0.1,
-            alpha: parent.alpha,
-            shifting: parent.shifting,
-            volume_control: parent.volume_control,
-            density_reset: DensityReset::Mls,
-            density_reset_every: 1,
-            wall_pressure: parent.wall_pressure,
-            wall_slip: parent.wall_slip,
-            wall_suction: parent.wall_suction,
-            start_pressure: None,
-            stepping: parent.stepping,
-            acoustic_courant: SOUND_COURANT,
-            search: parent.search,
-        }
+        Self(RkpmSettings { density_reset: DensityReset::Mls, density_reset_every: 1, ..RkpmSettings::preset(preset) })
     }
 }
 
 impl Relative for MlsphSettings {
-    const COST: f64 = 8e-8;
-    const WORK: &'static str = "five sums over neighbours, and four for each sound step";
+    const COST: f64 = RkpmSettings::COST;
+    const WORK: &'static str = RkpmSettings::WORK;
 
     fn defaults(preset: Preset) -> Self {
         Self::preset(preset)
     }
 
     fn origin(&self) -> Preset {
-        self.preset
+        self.0.origin()
     }
 
     fn start_pressure(&mut self) -> &mut Option<StartPressure> {
-        &mut self.start_pressure
+        self.0.start_pressure()
     }
 
     fn shared(&self) -> DeltaSphSettings {
-        DeltaSphSettings {
-            pressure_law: PressureLaw::Linear,
-            sound_factor: self.sound_factor,
-            reference_speed: self.reference_speed,
-            diffusion: self.diffusion,
-            delta: self.delta,
-            alpha: self.alpha,
-            tensile_control: TensileControl::None,
-            shifting: self.shifting,
-            volume_control: self.volume_control,
-            density_reset: self.density_reset,
-            density_reset_every: self.density_reset_every,
-            wall_pressure: self.wall_pressure,
-            wall_slip: self.wall_slip,
-            wall_suction: self.wall_suction,
-            start_pressure: self.start_pressure,
-            stepping: self.stepping,
-            acoustic_courant: self.acoustic_courant,
-            search: self.search,
-            acoustic_damping: 0.0,
-            ..DeltaSphSettings::preset(self.preset)
-        }
+        self.0.shared()
     }
 
     fn flux(&self, shared: DeltaFlux) -> AnyFlux {
-        AnyFlux::Linear(LinearFlux { shared })
+        self.0.flux(shared)
     }
 
     fn check_own(&self) -> Result<(), BrokenRule> {
-        Ok(())
+        self.0.check_own()
     }
 
     fn dissipation(&self) -> [String; 2] {
-        dissipation(self.delta, self.alpha)
+        self.0.dissipation()
     }
 
     fn own_departures(&self) -> Vec<String> {
-        departures()
+        self.0.own_departures()
     }
-}
-
-/// Damping, in words.
-fn dissipation(delta: f64, alpha: f64) -> [String; 2] {
-    [format!("linear kernels, diffusion delta = {delta}"), format!("artificial, alpha = {alpha}")]
-}
-
-/// What differs from the sources of both.
-fn departures() -> Vec<String> {
-    vec![
-        "particles are the quadrature points of Galerkin's form, which makes forces equal and opposite in a pair".to_owned(),
-        "particles are shifted, density diffuses".to_owned(),
-    ]
 }
 
 /// The pair terms with kernels that reproduce linear fields:
