@@ -52,6 +52,10 @@ pub trait Scheme<const D: usize>: Send {
     /// As [`step`](Scheme::step).
     fn start(&mut self, p: &mut Particles<D>, domain: &mut Domain<D>) -> Result<(), StepError>;
 
+    /// Tells which walls ([`Particles::body`]) go along with their velocity, for a method whose step looks at walls more than once: the driver
+    /// moves them in the particles behind the step.
+    fn walls_that_go(&mut self, _bodies: Vec<u16>) {}
+
     /// The largest stable time step from the present state, s, and what bounds it.
     fn time_step(&self, p: &Particles<D>) -> StepLimit;
 

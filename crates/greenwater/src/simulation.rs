@@ -127,6 +127,7 @@ impl<const D: usize> Simulation<D> {
 
     /// The same run with walls that move.
     pub fn with_motions(mut self, motions: Vec<Motion<D>>) -> Self {
+        self.scheme.walls_that_go(motions.iter().filter(|motion| motion.moves).map(|motion| motion.body).collect());
         self.motions = motions;
         self
     }

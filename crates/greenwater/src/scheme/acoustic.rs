@@ -227,6 +227,8 @@ pub struct Acoustic<K, const D: usize> {
     fresh: Vec<f64>,
     /// Mean density of a domain that fluid fills and cannot leave, kg/m³; none for others.
     closed: Option<f64>,
+    /// Walls that go along with their velocity, by [`Particles::body`]; the others stay.
+    going: Vec<u16>,
     /// Steps since densities were set anew.
     since_reset: u64,
     /// Steps since particles were numbered anew.
@@ -254,6 +256,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
             linear: Vec::new(),
             fresh: Vec::new(),
             closed: None,
+            going: Vec::new(),
             since_reset: 0,
             since_order: 0,
         }
@@ -399,6 +402,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                     let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
                     record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressing(&state) + damper, p.mass[a], false)
                 }
+                Kind::Wall if self.going.contains(&p.body[a]) => record(p.x[a] + half * p.v[a], p.v[a], 0.0, p.mass[a], true),
                 Kind::Wall | Kind::Lost => record(p.x[a], p.v[a], 0.0, p.mass[a], true),
             };
         });
@@ -444,6 +448,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 gravity: self.medium.gravity,
                 step: [dt, drift, share],
                 kind: &p.kind,
+                body: &p.body,
+                going: &self.going,
                 v: &p.v,
                 mass: &p.mass,
                 h: &p.h,
@@ -482,6 +488,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 step: [half, if last { 0.0 } else { half }, self.plan.damping * state.sound],
                 last,
                 kind: &p.kind,
+                body: &p.body,
+                going: &self.going,
                 mass: &p.mass,
                 h: &p.h,
             };
@@ -509,7 +517,7 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 let b = b as usize;
                 let normal = self.found[b].normal();
                 if p.kind[b] == Kind::Wall && p.layer[b] == 1 && normal != Vector::ZERO {
-                    moved.meet(b as u32, (p.x[b] + dt * p.v[b], p.v[b]), normal, spacing, AT_FIRST_LINE);
+                    moved.meet(b as u32, (self.middle[b].x(), p.v[b]), normal, spacing, AT_FIRST_LINE);
                 }
             }
             (moved.wall != NO_WALL).then_some((a, moved))
@@ -526,7 +534,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     }
 
     /// Gives `p` the state that the last sound step left in `middle`, and keeps the one before it: `x` and `v` in their places there; in `end`
-    /// density as what a record carries, acceleration as its velocity, rate of density and pressure as the first two numbers.
+    /// density as what a record carries, acceleration as its velocity, rate of density and pressure as the first two numbers. Walls have gone along in
+    /// `middle`; in `p` the driver moves them behind the step, but within it (`dt` zero) they are where the fluid finds them.
     fn settle(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64) {
         let (rest, bulk) = (self.plan.state.rest, &self.bulk);
         let kind = &p.kind;
@@ -547,7 +556,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                             let bulk = &bulk[block * BLOCK + i];
                             (pressure[i], density[i], rate[i]) = (middle[i].value::<D>(), bulk.density, bulk.rate);
                         }
-                        Kind::Wall => (pressure[i], density[i]) = (0.0, rest),
+                        Kind::Wall => {
+                            (pressure[i], density[i]) = (0.0, rest);
+                            if dt == 0.0 {
+                                x[i] = now.0;
+                            }
+                        }
                         Kind::Lost => {}
                     }
                     middle[i].0[..D].copy_from_slice(&before.0.0);
@@ -744,6 +758,10 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
             p.reorder(&order);
             order.apply(bulk);
         });
+    }
+
+    fn walls_that_go(&mut self, bodies: Vec<u16>) {
+        self.going = bodies;
     }
 
     fn takes_back(&self) -> bool {

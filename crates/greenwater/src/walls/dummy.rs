@@ -286,7 +286,8 @@ impl<const D: usize> Nodes<D> {
     /// Pressure of wall particle `a`, Pa: the linear fit `Σ_f V W (1, y) (1, y)ᵀ c = Σ_f V W (1, y) p_f` about the mirror point,
     /// `y = (x_f − x_node)/h`, taken at the wall particle; with too few fluid particles the mean with the weight in between.
     fn extrapolate<K: Kernel<D>>(&self, pairs: Pairs<'_, K, D>, p: &Particles<D>, a: usize, weight: Vector<D>, rest: f64) -> f64 {
-        let (node, h) = (p.x[a] + self.offset[a], p.h[a]);
+        let (x_a, h) = (pairs.records[a].x::<D>(), p.h[a]);
+        let node = x_a + self.offset[a];
         // Room for one constant and up to three slopes; unused rows are those of the unit matrix.
         let mut matrix = [[0.0; 4]; 4];
         let mut right = [0.0; 4];
@@ -314,7 +315,7 @@ impl<const D: usize> Nodes<D> {
             for (entry, first) in right.iter_mut().zip(basis) {
                 *entry += w * first * pressure;
             }
-            sum += w * (pressure + weight.dot(p.x[a] - x_b));
+            sum += w * (pressure + weight.dot(x_a - x_b));
             total += w;
         }
         if total == 0.0 {
@@ -326,7 +327,7 @@ impl<const D: usize> Nodes<D> {
         match solve(matrix, right, LEAST_PIVOT) {
             // A node that half its neighbourhood sees: the fit stands on fluid round it, not on a rim far to one side.
             Some(c) if total > 0.3 => {
-                let y = (p.x[a] - node) / h;
+                let y = (x_a - node) / h;
                 (0..D).fold(c[0], |value, d| value + c[d + 1] * y[d])
             }
             _ => sum / total,

@@ -467,6 +467,9 @@ pub(super) struct Kick<'a, K, F, const D: usize> {
     /// `Δt` of velocities and of positions, s; share of the step in the mean force on walls.
     pub step: [f64; 3],
     pub kind: &'a [Kind],
+    pub body: &'a [u16],
+    /// Walls that go along with their velocity.
+    pub going: &'a [u16],
     pub v: &'a [Vector<D>],
     pub mass: &'a [f64],
     pub h: &'a [f64],
@@ -500,7 +503,8 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> RowsOfSums<Record, Vector<D>> for
             }
             Kind::Wall => {
                 let density = self.state.density(now.value::<D>());
-                *next = record(now.x(), self.v[a], density, self.mass[a], true);
+                let x = if self.going.contains(&self.body[a]) { now.x() + drift * self.v[a] } else { now.x() };
+                *next = record(x, self.v[a], density, self.mass[a], true);
                 if self.place[a] == Place::Wet {
                     *force += share * self.mass[a] * push;
                 }
@@ -662,6 +666,9 @@ pub(super) struct Dilation<'a, K, F, const D: usize> {
     /// Whether there is no next sound step: pressure is then that of the density, for others to read.
     pub last: bool,
     pub kind: &'a [Kind],
+    pub body: &'a [u16],
+    /// Walls that go along with their velocity.
+    pub going: &'a [u16],
     pub mass: &'a [f64],
     pub h: &'a [f64],
 }
@@ -682,11 +689,16 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> RowsOfSums<Record, Bulk> for Dila
 
     #[inline(always)]
     fn row(&self, a: usize, [compression, spread]: [f64; 2], next: &mut Record, bulk: &mut Bulk) {
-        if self.kind[a] != Kind::Fluid {
-            return;
-        }
         let now = self.pairs.records[a];
         let [half, lead, damping] = self.step;
+        match self.kind[a] {
+            Kind::Fluid => {}
+            Kind::Wall if self.going.contains(&self.body[a]) => {
+                next.0[..D].copy_from_slice(&(now.x::<D>() + lead * now.v::<D>()).0);
+                return;
+            }
+            Kind::Wall | Kind::Lost => return,
+        }
         bulk.compression = f64::from(bulk.weight) * compression;
         bulk.rate = bulk.pull + bulk.compression + spread;
         let density = dilated(bulk.density, half * bulk.rate, self.place[a], self.state.rest);
