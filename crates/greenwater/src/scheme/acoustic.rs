@@ -388,8 +388,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         (self.middle, self.place) = (middle, place);
     }
 
-    /// The first half of a sound step from the state of `p`, shifted: `x^{1/2}`, `ρ^{1/2}` and their pressure.
-    fn set_out(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64) {
+    /// The first half of a sound step from the state of `p`, shifted: `x^{1/2}`, `ρ^{1/2}` and their pressure. Walls have their velocity of the time
+    /// `late` behind the middle of the step, s.
+    fn set_out(&mut self, p: &Particles<D>, domain: &Domain<D>, half: f64, late: f64) {
         let (state, damping, place) = (self.plan.state, self.plan.damping * self.plan.state.sound, &self.place);
         let owned = p.owned();
         update2(&mut self.middle[..owned], &mut self.bulk, |a, middle, bulk| {
@@ -402,7 +403,10 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                     let damper = if place[a] == Place::Inside { damping * p.h[a] * bulk.compression } else { 0.0 };
                     record(p.x[a] + by + half * p.v[a], p.v[a], bulk.pressing(&state) + damper, p.mass[a], false)
                 }
-                Kind::Wall if self.going.contains(&p.body[a]) => record(p.x[a] + half * p.v[a], p.v[a], 0.0, p.mass[a], true),
+                Kind::Wall if self.going.contains(&p.body[a]) => {
+                    let v = p.v[a] + late * p.acceleration[a];
+                    record(p.x[a] + half * v, p.v[a], 0.0, p.mass[a], true)
+                }
                 Kind::Wall | Kind::Lost => record(p.x[a], p.v[a], 0.0, p.mass[a], true),
             };
         });
@@ -430,7 +434,8 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
     }
 
     /// `v^{n+1} = vⁿ + Δt a(x^{n+1/2}, ρ^{n+1/2}, vⁿ)`, then `x^{n+1} = x^{n+1/2} + drift v^{n+1}`; adds the force on walls, times `share`.
-    fn kick(&mut self, p: &mut Particles<D>, domain: &Domain<D>, dt: f64, drift: f64, share: f64) {
+    /// The steps: `Δt`, `drift`, `share`, and how late walls are behind the middle of the step, s.
+    fn kick(&mut self, p: &mut Particles<D>, domain: &Domain<D>, step: [f64; 4]) {
         if matches!(self.plan.flux, AnyFlux::Linear(_)) {
             self.linear_kernels(p, domain, false);
         }
@@ -446,11 +451,12 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
                 bulk: &self.bulk,
                 state: self.plan.state,
                 gravity: self.medium.gravity,
-                step: [dt, drift, share],
+                step,
                 kind: &p.kind,
                 body: &p.body,
                 going: &self.going,
                 v: &p.v,
+                acceleration: &p.acceleration,
                 mass: &p.mass,
                 h: &p.h,
             };
@@ -788,11 +794,13 @@ impl<K: Kernel<D>, const D: usize> Scheme<D> for Acoustic<K, D> {
         let count = (dt / self.sound_step(p)).ceil().max(1.0) as u64;
         let share = 1.0 / count as f64;
         let half = 0.5 * dt * share;
-        phases.measure("motion", || self.set_out(p, domain, half));
+        // A wall has its mean velocity in the middle of the step, and none that jumps from step to step: fluid would hear it.
+        phases.measure("motion", || self.set_out(p, domain, half, -0.5 * dt));
         for sound_step in 1..=count {
             phases.measure("walls", || self.press_walls(p, domain));
             // v^{n+1} = v^n + Δt a^{n+1/2}, x^{n+1} = x^{n+1/2} + Δt/2 v^{n+1}
-            phases.measure("forces", || self.kick(p, domain, 2.0 * half, half, share));
+            let late = (sound_step as f64 * share - 0.5) * dt;
+            phases.measure("forces", || self.kick(p, domain, [2.0 * half, half, share, late]));
             // ρ^{n+1} = ρ^{n+1/2} + Δt/2 (dρ/dt)^{n+1}
             phases.measure("density", || self.dilate(p, domain, half, sound_step == count));
         }

@@ -63,9 +63,9 @@ impl<K: Kernel<D>, const D: usize> Acoustic<K, D> {
         self.shift(p, domain, 0.0);
         // A step of no length: rates, accelerations and forces of this state.
         self.bulk.fill(Bulk::default());
-        self.set_out(p, domain, 0.0);
+        self.set_out(p, domain, 0.0, 0.0);
         self.press_walls(p, domain);
-        self.kick(p, domain, 1.0, 0.0, 1.0);
+        self.kick(p, domain, [1.0, 0.0, 1.0, 0.0]);
         for a in (0..p.owned()).filter(|&a| p.kind[a] == Kind::Fluid) {
             p.acceleration[a] = self.end[a].v() - p.v[a];
             self.end[a].set_v(p.v[a]);

@@ -464,13 +464,15 @@ pub(super) struct Kick<'a, K, F, const D: usize> {
     pub bulk: &'a [Bulk],
     pub state: EquationOfState,
     pub gravity: Vector<D>,
-    /// `Δt` of velocities and of positions, s; share of the step in the mean force on walls.
-    pub step: [f64; 3],
+    /// `Δt` of velocities and of positions, s; share of the step in the mean force on walls; how late it is behind the middle of the step, s.
+    pub step: [f64; 4],
     pub kind: &'a [Kind],
     pub body: &'a [u16],
     /// Walls that go along with their velocity.
     pub going: &'a [u16],
     pub v: &'a [Vector<D>],
+    /// Of walls: mean over the step.
+    pub acceleration: &'a [Vector<D>],
     pub mass: &'a [f64],
     pub h: &'a [f64],
 }
@@ -495,7 +497,7 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> RowsOfSums<Record, Vector<D>> for
     #[inline(always)]
     fn row(&self, a: usize, push: Vector<D>, next: &mut Record, force: &mut Vector<D>) {
         let now = self.pairs.records[a];
-        let [dt, drift, share] = self.step;
+        let [dt, drift, share, late] = self.step;
         match self.kind[a] {
             Kind::Fluid => {
                 let v = now.v() + dt * (push + *force + self.gravity);
@@ -503,8 +505,9 @@ impl<K: Kernel<D>, F: Flux<D>, const D: usize> RowsOfSums<Record, Vector<D>> for
             }
             Kind::Wall => {
                 let density = self.state.density(now.value::<D>());
-                let x = if self.going.contains(&self.body[a]) { now.x() + drift * self.v[a] } else { now.x() };
-                *next = record(x, self.v[a], density, self.mass[a], true);
+                let v = self.v[a] + late * self.acceleration[a];
+                let x = if self.going.contains(&self.body[a]) { now.x() + drift * v } else { now.x() };
+                *next = record(x, v, density, self.mass[a], true);
                 if self.place[a] == Place::Wet {
                     *force += share * self.mass[a] * push;
                 }
