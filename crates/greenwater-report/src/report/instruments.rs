@@ -47,7 +47,7 @@ impl Report<'_> {
         for (i, name) in names.iter().enumerate() {
             let position = self.runs.iter().flat_map(|run| &run.provenance.probes).find(|probe| probe.name == *name);
             let place = |p: &Probe| {
-                let along = p.on.as_ref().map_or(String::new(), |wall| format!(", with {wall}"));
+                let along = p.on.as_ref().map_or(String::new(), |wall| format!(", on {wall}"));
                 format!(" at ({}) m{along}", p.position.iter().map(|x| number(*x)).collect::<Vec<_>>().join(", "))
             };
             let place = position.filter(|p| !p.position.is_empty()).map_or(String::new(), place);
