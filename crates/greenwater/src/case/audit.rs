@@ -100,7 +100,8 @@ impl<const D: usize> Setup<D> {
         Audit { closest, fluid_to_wall, fluid_mass, text, warnings }
     }
 
-    /// A sentence for each probe that stays where it is while the wall beside it moves away.
+    /// A sentence for each probe that stays where it is while the wall beside it moves away, by more than a tenth of a spacing: little beside the 2.6
+    /// that a sensor looks at.
     fn left_behind(&self) -> Vec<String> {
         let (dx, p) = (self.spacing, &self.particles);
         let path = |motion: &Motion<D>| {
